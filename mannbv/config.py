@@ -1,0 +1,114 @@
+"""Every constant in one frozen record, with its unit, meaning and source.
+
+"paper" cites the section; "chosen here" marks what the paper leaves open. `describe()` prints the table.
+"""
+
+import dataclasses
+import json
+import math
+from dataclasses import dataclass, field, fields
+
+
+def _constant(default, unit: str, meaning: str, source: str = "chosen here"):
+    return field(default=default, metadata={"unit": unit, "meaning": meaning, "source": source})
+
+
+@dataclass(frozen=True)
+class Config:
+    """One run's constants. Make a variant with `config.replace(level=0.05)`."""
+
+    # camera and motion
+    image_width: int = _constant(64, "px", "width of the image")
+    image_height: int = _constant(64, "px", "height of the image, in 3-D only")
+    fov: float = _constant(math.pi / 2, "rad", "field of view, both axes", "paper VI-B")
+    max_depth: float = _constant(10.0, "m", "range of the depth sensor", "Habitat's default")
+    depth_noise: float = _constant(0.0, "1", "std of depth, as a share of depth", "paper VI-B: none")
+    color_noise: float = _constant(0.0, "1", "std of each colour channel", "paper VI-B: none")
+    step: float = _constant(0.05, "m", "length of a forward move", "paper VI-B")
+    turn: float = _constant(math.radians(5), "rad", "angle of a turn", "paper VI-B")
+    robot_radius: float = _constant(0.1, "m", "radius of the robot's disc", "Habitat's default")
+    cell: float = _constant(0.05, "m", "cell of the occupancy grid", "paper VI-B")
+    # mapping, Eq. (2)
+    depth_weight: float = _constant(0.5, "1", "ψ, weight of depth in the mapping loss, Eq. (2)")
+    explained_opacity: float = _constant(0.7, "1", "a pixel more opaque than this may be explained by the map")
+    explained_depth: float = _constant(0.05, "1", "… if its depth differs by less than this share (and 5 cm)")
+    insert_opacity: float = _constant(0.8, "1", "opacity of a new splat")
+    insert_scale: float = _constant(0.6, "px", "std of a new splat, in pixels at its depth")
+    fit_steps: int = _constant(24, "1", "optimiser steps a keyframe")
+    fit_window: int = _constant(6, "1", "latest keyframes that are fitted; two older ones join them")
+    learning_rate: float = _constant(1.0, "1", "factor on every parameter group's learning rate")
+    prune_opacity: float = _constant(0.05, "1", "splats fainter than this are removed")
+    prune_scale: float = _constant(0.5, "m", "splats with a larger std are removed")
+    # information, Eqs. (3)-(5), (14), (15)
+    sigma_color: float = _constant(0.05, "1", "std of a colour channel in the likelihood, Eq. (4)")
+    sigma_depth: float = _constant(0.05, "m", "std of depth in the likelihood, Eq. (4)")
+    damping_mean: float = _constant(100.0, "1/m²", "λ for means: 0.1 m before any view")
+    damping_scale: float = _constant(1.0, "1", "λ for log-scales: a factor e before any view")
+    damping_rotation: float = _constant(1.0, "1/rad²", "λ for rotations: 1 rad before any view")
+    damping_opacity: float = _constant(0.25, "1", "λ for opacity logits: 2 before any view")
+    damping_color: float = _constant(10.0, "1", "λ for colours: 0.3 before any view")
+    prior: str = _constant("recompute", "", "information of past keyframes: recompute (on today's map) or incremental")
+    n_yaws: int = _constant(360, "1", "uniform yaws of a profile")
+    # risk, Eqs. (6)-(9)
+    measure: str = _constant("avar", "", "risk measure, a name in risk.MEASURES", "paper III-C")
+    level: float = _constant(0.1, "1", "ε, the worst share of outcomes")
+    # masks, Eqs. (10)-(13)
+    r_min: float = _constant(0.5, "m", "smallest mask radius, Eq. (10)")
+    beta1: float = _constant(1.0, "m", "β₁ of the mask radius, Eq. (10)")
+    beta2: float = _constant(2.0, "1/m", "β₂ of the mask radius, Eq. (10)")
+    gamma1: float = _constant(1.0, "1", "γ₁ of the proximity weight, Eq. (13)", "sibling paper")
+    gamma2: float = _constant(1.0, "1/m", "γ₂ of the proximity weight, Eq. (13)", "sibling paper")
+    # planning
+    risk_weight: float = _constant(3.0, "1", "A*: a metre at α = 0 costs 1 + this")
+    risk_scale: float = _constant(0.3, "m", "A*: the extra cost falls by e for each such step of α")
+    margin: float = _constant(0.1, "m", "A*: distance kept from occupied cells, beyond the robot's radius")
+    min_frontier: int = _constant(10, "cells", "smaller frontiers are ignored", "a public active-mapping harness")
+    n_subgoals: int = _constant(4, "1", "frontiers nearest to the goal among which information decides")
+    detour: float = _constant(0.15, "1", "a candidate subgoal may lengthen the way by this share (and 0.5 m)")
+    stride: float = _constant(0.8, "m", "distance travelled between two chosen views")
+    reach: float = _constant(0.2, "m", "a goal this near is reached", "Habitat's success radius")
+    max_cycles: int = _constant(80, "1", "planning cycles before an episode ends")
+    # agreement, Eqs. (25)-(29)
+    solver: str = _constant("cadmm", "", "a name in consensus.SOLVERS", "paper V-C")
+    network: str = _constant("complete", "", "communication graph, a name in network.GRAPHS")
+    penalty: float = _constant(0.05, "1", "ρ of C-ADMM, for gains scaled to a largest value of 1")
+    penalty_growth: float = _constant(1.1, "1", "ρ is multiplied by this each round")
+    rounds: int = _constant(30, "1", "T_ADMM")
+    tolerance: float = _constant(0.01, "rad", "agreement ends when both residuals are smaller")
+    codec: str = _constant("json", "", "what messages are written in: json or binary", "paper VI-D: JSON")
+    # limited sharing
+    guest_splats: int = _constant(400, "1", "splats sent along with a suggested view, at most", "paper VI-D")
+
+    def __post_init__(self):
+        for name in ("image_width", "image_height", "stride", "cell", "step", "turn", "r_min", "beta1", "beta2"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"config: {name} must be positive, got {getattr(self, name)}")
+        if not 0 < self.level < 1:
+            raise ValueError(f"config: level must lie strictly between 0 and 1, got {self.level}")
+        for name in ("fit_steps", "rounds", "max_cycles", "guest_splats", "margin", "risk_weight"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"config: {name} must not be negative, got {getattr(self, name)}")
+
+    def replace(self, **changes) -> "Config":
+        """A copy with some constants changed. Raises ValueError for a name that is none of them."""
+        unknown = sorted(set(changes) - {f.name for f in fields(self)})
+        if unknown:
+            raise ValueError(f"config: no constant is called {', '.join(unknown)}; see config.describe()")
+        return dataclasses.replace(self, **changes)
+
+    def to_json(self) -> str:
+        return json.dumps(dataclasses.asdict(self))
+
+    @staticmethod
+    def from_json(text: str) -> "Config":
+        return Config().replace(**json.loads(text))
+
+
+def describe(config: Config | None = None) -> str:
+    """A table of every constant: name, value, unit, meaning, source."""
+    config = config or Config()
+    rows = [(f.name, getattr(config, f.name), *f.metadata.values()) for f in fields(config)]
+    text = [(n, f"{v:.4g}" if isinstance(v, float) else str(v), u, m, s) for n, v, u, m, s in rows]
+    widths = [max(len(row[k]) for row in text) for k in range(4)]
+    lines = ("  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=False)) + "  " + row[4] for row in text)
+    return "\n".join(lines)

@@ -1,0 +1,134 @@
+"""The ground plane in square cells: occupancy from depth, graph distances, frontiers (Sections III-D, VI-A).
+
+Arrays are indexed [ix, iy]; cell (0, 0) has its lower corner at the lattice's origin.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from mannbv.kernels import search
+
+UNKNOWN, FREE, OCCUPIED = -1, 0, 1
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Where the cells lie: origin (x, y) [m] of the lower corner, cell size [m], number of cells (nx, ny)."""
+
+    origin: tuple[float, float]
+    cell: float
+    shape: tuple[int, int]
+
+    @staticmethod
+    def around(lower, upper, cell: float) -> "Lattice":
+        """The smallest lattice over a box given by two corners [m]."""
+        shape = np.ceil((np.asarray(upper, float) - np.asarray(lower, float)) / cell - 1e-9).astype(int)
+        if not (np.isfinite(shape).all() and (shape > 0).all()):
+            raise ValueError(f"grid: the box from {list(lower)} to {list(upper)} is empty")
+        return Lattice((float(lower[0]), float(lower[1])), float(cell), (int(shape[0]), int(shape[1])))
+
+    def index(self, points) -> np.ndarray:
+        """Cells (k, 2) that hold points (k, ≥ 2) [m]; may lie outside the lattice."""
+        return np.floor((np.asarray(points, float)[:, :2] - self.origin) / self.cell).astype(np.int64)
+
+    def inside(self, index: np.ndarray) -> np.ndarray:
+        """Which cells (k, 2) belong to the lattice."""
+        return ((index >= 0) & (index < self.shape)).all(1)
+
+    def centers(self, index=None) -> np.ndarray:
+        """Centres [m] of the given cells (k, 2), or of all as (nx, ny, 2)."""
+        if index is None:
+            index = np.stack(np.meshgrid(*(np.arange(n) for n in self.shape), indexing="ij"), -1)
+        return (np.asarray(index) + 0.5) * self.cell + self.origin
+
+    def at(self, values: np.ndarray, points, outside) -> np.ndarray:
+        """Cell values under points (k, ≥ 2) [m]; `outside` where there is no cell."""
+        index = self.index(points)
+        inside = self.inside(index)
+        clipped = np.where(inside[:, None], index, 0)
+        return np.where(inside, values[clipped[:, 0], clipped[:, 1]], outside)
+
+
+@dataclass(frozen=True)
+class Occupancy:
+    """What one robot knows of the ground: log_odds (nx, ny) of "occupied"; 0 where never seen."""
+
+    lattice: Lattice
+    log_odds: np.ndarray
+
+    @staticmethod
+    def unknown(lattice: Lattice) -> "Occupancy":
+        return Occupancy(lattice, np.zeros(lattice.shape, np.float32))
+
+    @property
+    def state(self) -> np.ndarray:
+        """(nx, ny) of UNKNOWN, FREE, OCCUPIED."""
+        return np.where(self.log_odds == 0, UNKNOWN, np.where(self.log_odds > 0, OCCUPIED, FREE)).astype(np.int8)
+
+    def carved(self, origin, ends, hits) -> "Occupancy":
+        """After seeing rays from `origin` (≥ 2,) to `ends` (k, ≥ 2) [m]; `hits` (k,): the ray ended on a surface.
+
+        A hit outweighs several passes, since a ray that grazes a wall also crosses the free part of its cells; one
+        frame changes a cell at most once, and a hit wins over a pass.
+        """
+        lattice = self.lattice
+        free, hit = np.zeros(lattice.shape, bool), np.zeros(lattice.shape, bool)
+        start = (np.asarray(origin, float)[:2] - lattice.origin) / lattice.cell
+        stops = (np.asarray(ends, float)[:, :2] - lattice.origin) / lattice.cell
+        search.carve(free, hit, start[0], start[1], stops, np.asarray(hits, bool))
+        change = np.where(hit, 2.0, np.where(free, -0.4, 0.0))
+        return Occupancy(lattice, np.clip(self.log_odds + change, -4.0, 8.0).astype(np.float32))
+
+    def merged(self, *others: "Occupancy") -> "Occupancy":
+        """Evidence of several robots over the same lattice, added up."""
+        total = sum((o.log_odds for o in others), self.log_odds)
+        return Occupancy(self.lattice, np.clip(total, -4.0, 8.0).astype(np.float32))
+
+
+def within(cells: np.ndarray, distance: float, cell: float) -> np.ndarray:
+    """Which cells' centres lie nearer than `distance` [m] to the centre of a marked cell."""
+    if not cells.any():
+        return np.zeros_like(cells, bool)
+    return ndimage.distance_transform_edt(~cells) * cell < distance
+
+
+def nearest(cells: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For cells (k, 2): the nearest marked cell (k, 2) and the distance to it in cells; inf where none is marked."""
+    if not cells.any():
+        return index, np.full(len(index), np.inf)
+    distance, where = ndimage.distance_transform_edt(~cells, return_indices=True)
+    x, y = index.T
+    return where[:, x, y].T, distance[x, y]
+
+
+def geodesic(cost: np.ndarray, sources: np.ndarray, limit: float = np.inf) -> np.ndarray:
+    """Cheapest cost (nx, ny), in cells, from the nearest source cell (k, 2); inf where there is no way.
+
+    cost (nx, ny): price of a cell, inf where blocked; 1 everywhere gives the graph distance ‖·‖_g of Eq. (13).
+    """
+    sources = np.asarray(sources, np.int64).reshape(-1, 2)
+    return search.shortest(np.asarray(cost, float), sources, np.array([-1, -1]), float(limit))[0]
+
+
+def path(cost: np.ndarray, start, goal) -> np.ndarray | None:
+    """Cells (k, 2) of a cheapest path by A*, both ends included; None where there is no way."""
+    start, goal = np.asarray(start, np.int64), np.asarray(goal, np.int64)
+    distance, parent = search.shortest(np.asarray(cost, float), start[None], goal, np.inf)
+    if not np.isfinite(distance[goal[0], goal[1]]):
+        return None
+    cells, here = [], int(goal[0] * cost.shape[1] + goal[1])
+    while here >= 0:
+        cells.append(divmod(here, cost.shape[1]))
+        here = int(parent[cells[-1]])
+    return np.array(cells[::-1])
+
+
+def frontiers(state: np.ndarray, min_cells: int = 1) -> list[np.ndarray]:
+    """Frontiers: 8-connected groups, of at least `min_cells`, of free cells beside an unknown one; (k, 2) each."""
+    unknown = ndimage.binary_dilation(state == UNKNOWN, structure=[[0, 1, 0], [1, 1, 1], [0, 1, 0]])
+    labels, count = ndimage.label((state == FREE) & unknown, structure=np.ones((3, 3)))
+    boxes = ndimage.find_objects(labels)
+    groups = [np.argwhere(labels[box] == k + 1) + [s.start for s in box] for k, box in enumerate(boxes[:count])]
+    return [group for group in groups if len(group) >= min_cells]

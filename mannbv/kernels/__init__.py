@@ -1,0 +1,1 @@
+"""Numba loops at module level (so that numba's cache finds them); the rooms above wrap and explain them."""

@@ -1,0 +1,62 @@
+"""Where information matters: mask radius, masked zone, proximity weights, Eqs. (10)-(13)."""
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from mannbv import grid
+from mannbv.config import Config
+from mannbv.splats import SplatMap
+
+_DEFAULT = Config()
+
+
+def radius(risk, r_min: float = _DEFAULT.r_min, beta1: float = _DEFAULT.beta1, beta2: float = _DEFAULT.beta2):
+    """r_mask = r_min + β₁ exp(−β₂ α) [m], Eq. (10): a safer waypoint gets a smaller mask.
+
+    risk: α of the waypoints [m], number or tensor; +inf (an empty map) gives r_min.
+    Raises ValueError unless r_min ≥ 0 and β₁, β₂ > 0.
+    """
+    if not (r_min >= 0 and beta1 > 0 and beta2 > 0):
+        raise ValueError(f"mask: needs r_min ≥ 0 and β₁, β₂ > 0, got {r_min}, {beta1}, {beta2}")
+    return r_min + beta1 * torch.exp(-beta2 * torch.as_tensor(risk))
+
+
+def zone(splat_map: SplatMap, path: Float[Tensor, "k d"], radii: Float[Tensor, " k"]) -> Bool[Tensor, " n"]:
+    """Which splats' means lie in a ball B(p_k, r_k) around some waypoint, Eqs. (11), (12)."""
+    if len(path) != len(radii):
+        raise ValueError(f"mask: {len(path)} waypoints but {len(radii)} radii")
+    if not (len(path) and splat_map.n_splats):
+        return torch.zeros(splat_map.n_splats, dtype=torch.bool)
+    away = torch.linalg.norm(splat_map.means[:, None] - path.to(splat_map.means), dim=-1)
+    return (away <= radii.to(splat_map.means)).any(1)
+
+
+def proximity(
+    splat_map: SplatMap,
+    path: Float[Tensor, "k d"],
+    occupancy: grid.Occupancy | None = None,
+    gamma1: float = _DEFAULT.gamma1,
+    gamma2: float = _DEFAULT.gamma2,
+    limit: float = 10.0,
+) -> Float[Tensor, " n"]:
+    """v(g) = γ₁ exp(−γ₂ ‖p − μ‖_g), Eq. (13), p the waypoint nearest along the graph.
+
+    The graph distance [m] runs over known-free cells to the one nearest to the splat, then straight; unknown and
+    occupied cells block, and a splat farther than `limit` [m] or cut off gets weight 0. Without an occupancy: straight.
+    """
+    if not (gamma1 > 0 and gamma2 >= 0):
+        raise ValueError(f"mask: needs γ₁ > 0 and γ₂ ≥ 0, got {gamma1}, {gamma2}")
+    if not (len(path) and splat_map.n_splats):
+        return torch.zeros(splat_map.n_splats).to(splat_map.means)
+    if occupancy is None:
+        distance = torch.linalg.norm(splat_map.means[:, None] - path.to(splat_map.means), dim=-1).amin(1)
+        return gamma1 * torch.exp(-gamma2 * distance)
+    lattice, free = occupancy.lattice, occupancy.state == grid.FREE
+    sources = lattice.index(path.numpy())
+    along = grid.geodesic(np.where(free, 1.0, np.inf), sources[lattice.inside(sources)], limit / lattice.cell)
+    cells = np.clip(lattice.index(splat_map.means.numpy()), 0, np.array(lattice.shape) - 1)
+    door, rest = grid.nearest(free, cells)
+    distance = (along[door[:, 0], door[:, 1]] + rest) * lattice.cell
+    return torch.from_numpy(gamma1 * np.exp(-gamma2 * distance)).to(splat_map.means)

@@ -1,0 +1,152 @@
+"""Risk of collision: value-at-risk, average value-at-risk, and the field over a map, Eqs. (6)-(9).
+
+α is a distance in metres: smaller means more dangerous, negative means that the bad outcomes lie beyond contact.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.spatial import cKDTree
+from scipy.special import erfinv
+from torch import Tensor
+
+from mannbv.config import Config
+from mannbv.splats import SplatMap
+
+_DEFAULT = Config()
+_BANDS = 6
+
+
+def _check(level) -> None:
+    if not 0 < float(level) < 1:
+        raise ValueError(f"risk: level must lie strictly between 0 and 1, got {level}")
+
+
+def value_at_risk(mean, std, level):
+    """The distance [m] that a Gaussian distance undercuts with probability `level`, Eq. (7).
+
+        V@R = mean + std · √2 · ι,    ι = erf⁻¹(2·level − 1)
+
+    mean, std: numbers, arrays or tensors [m]. Raises ValueError unless 0 < level < 1.
+    """
+    _check(level)
+    return mean + std * (math.sqrt(2) * float(erfinv(2 * float(level) - 1)))
+
+
+def average_value_at_risk(mean, std, level):
+    """Mean of the worst `level` fraction of a Gaussian distance [m], Eqs. (6), (8).
+
+        AV@R = mean − std · exp(−ι²) / (level · √(2π)),    ι = erf⁻¹(2·level − 1)
+
+    mean, std: numbers, arrays or tensors [m]. Raises ValueError unless 0 < level < 1.
+    """
+    _check(level)
+    iota = float(erfinv(2 * float(level) - 1))
+    return mean - std * (math.exp(-iota * iota) / (float(level) * math.sqrt(2 * math.pi)))
+
+
+def sampled(samples, level) -> tuple[float, float]:
+    """V@R and AV@R [m] of samples (k,) [m] of any distance: the worst `level` share, and its mean."""
+    _check(level)
+    ordered = np.sort(np.asarray(samples, float).ravel())
+    count = math.ceil(level * len(ordered))
+    if not count:
+        raise ValueError("risk: no samples to take the worst of")
+    return float(ordered[count - 1]), float(ordered[:count].mean())
+
+
+class Measure(NamedTuple):
+    """A risk measure (mean, std, level) → risk; `linear`: it is mean + std · c(level), which allows fast fields."""
+
+    function: Callable
+    linear: bool
+
+
+MEASURES: dict[str, Measure] = {}
+
+
+def register(name: str, function: Callable, linear: bool = False) -> None:
+    """Add a risk measure under a name that `Config.measure` and `field` then understand.
+
+    function(mean, std, level) → risk takes tensors of distances and standard deviations [m]; smaller is riskier.
+    Raises ValueError if the name is taken.
+    """
+    if name in MEASURES:
+        raise ValueError(f"risk: a measure called '{name}' exists; choose another name")
+    MEASURES[name] = Measure(function, linear)
+
+
+register("avar", average_value_at_risk, linear=True)
+register("var", value_at_risk, linear=True)
+register("mean", lambda mean, std, level: mean + 0 * std, linear=True)
+
+
+def field(
+    splat_map: SplatMap,
+    points: Float[Tensor, "k d"],
+    level: float = _DEFAULT.level,
+    measure: str = "avar",
+    spread: str = "largest",
+) -> Float[Tensor, " k"]:
+    """α at points (k, d) [m], Eq. (9): exactly the smallest risk over all splats; +inf on an empty map.
+
+    measure: a name in `MEASURES`. spread: σ of an anisotropic splat is its "largest" standard deviation, or that
+    "along" the line of sight, √(nᵀ Σ n). Raises ValueError for an unknown name or a level outside (0, 1).
+    """
+    _check(level)
+    if measure not in MEASURES:
+        raise ValueError(f"risk: no measure '{measure}'; known: {', '.join(MEASURES)}")
+    if spread not in ("largest", "along"):
+        raise ValueError(f"risk: spread must be 'largest' or 'along', got '{spread}'")
+    if points.shape[1] != splat_map.dim:
+        raise ValueError(f"risk: points are {points.shape[1]}-D, the map is {splat_map.dim}-D")
+    if not (splat_map.n_splats and len(points)):
+        return torch.full((len(points),), math.inf).to(splat_map.means)
+    rule = MEASURES[measure]
+    if rule.linear and spread == "largest" and not splat_map.means.requires_grad:
+        return _nearest_first(splat_map, points, -float(rule.function(0.0, 1.0, level)))
+    rows = max(1, 2_000_000 // splat_map.n_splats)  # bounds the memory of a chunk
+    return torch.cat([_every_splat(splat_map, part, level, rule, spread) for part in points.split(rows)])
+
+
+def _every_splat(splat_map: SplatMap, points: Tensor, level, rule: Measure, spread: str) -> Tensor:
+    away = points[:, None].to(splat_map.means) - splat_map.means
+    distance = torch.linalg.norm(away, dim=-1)
+    std = splat_map.scales.amax(1).expand_as(distance)
+    if spread == "along":
+        sight = away / distance.clamp_min(1e-12)[..., None]
+        std = torch.einsum("kni,nij,knj->kn", sight, splat_map.covariances(), sight).clamp_min(0).sqrt()
+    return rule.function(distance, std, level).amin(1)
+
+
+def _nearest_first(splat_map: SplatMap, points: Tensor, factor: float) -> Tensor:
+    """min (distance − factor · σ): nearest neighbours first, until no farther splat can undercut what was found.
+
+    Splats of similar σ share a tree, so that "farther" means "riskier by little" and few neighbours suffice.
+    """
+    means, std = (t.detach().double().cpu().numpy() for t in (splat_map.means, splat_map.scales.amax(1)))
+    where = points.detach().double().cpu().numpy()
+    if not (np.isfinite(means).all() and np.isfinite(std).all() and np.isfinite(where).all()):
+        raise ValueError("risk: splats and points must be finite")
+    lowest = np.full(len(where), np.inf)
+    for band in np.array_split(np.argsort(std), min(_BANDS, len(std))):
+        tree, best_std, count = cKDTree(means[band]), (factor * std[band]).max(), 1
+        rows = np.arange(len(where))
+        while len(rows):
+            count = min(count, len(band))
+            distance, index = tree.query(where[rows], k=np.arange(1, count + 1))
+            lowest[rows] = np.minimum(lowest[rows], (distance - factor * std[band][index]).min(1))
+            rows = rows[(distance[:, -1] - best_std < lowest[rows]) & (count < len(band))]
+            count *= 4
+    return torch.from_numpy(lowest).to(splat_map.means)
+
+
+def total(
+    splat_map: SplatMap, path: Float[Tensor, "k d"], level: float = _DEFAULT.level, measure: str = "avar"
+) -> float:
+    """Mean risk of a path's waypoints (k, d) [m], Section VI-C; higher is safer."""
+    return field(splat_map, path, level, measure).mean().item()

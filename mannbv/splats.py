@@ -1,0 +1,242 @@
+"""The map: a frozen record of Gaussian splats g = (μ, Σ, o, c) (Section III-A), its union (16), and its files."""
+
+import dataclasses
+import warnings
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from mannbv import geometry
+
+_SH_C0 = 0.28209479177387814  # the constant spherical harmonic: color = 0.5 + _SH_C0 · f_dc in the 3DGS layout
+_MAX_SPLATS = 50_000_000
+
+
+class FormatError(ValueError):
+    """A file that holds no splat map; the message names the file, the fault and the remedy."""
+
+
+@dataclass(frozen=True)
+class SplatMap:
+    """Gaussian splats in the world frame.
+
+    means (n, d) [m]; log_scales (n, d), logarithms of standard deviations in metres; rotations (n, 2) as unit complex
+    numbers (cos, sin) in flatland, (n, 4) as quaternions (w, x, y, z) in space; opacity_logits (n,); colors (n, 3).
+    """
+
+    means: Float[Tensor, "n d"]
+    log_scales: Float[Tensor, "n d"]
+    rotations: Float[Tensor, "n k"]
+    opacity_logits: Float[Tensor, " n"]
+    colors: Float[Tensor, "n 3"]
+
+    def __post_init__(self):
+        if self.means.ndim != 2 or self.means.shape[1] not in (2, 3):
+            raise ValueError(f"splat map: means must be (n, 2) or (n, 3), got {tuple(self.means.shape)}")
+        n, d = self.means.shape
+        shapes = {"log_scales": (n, d), "rotations": (n, 2 if d == 2 else 4), "opacity_logits": (n,), "colors": (n, 3)}
+        for name, shape in shapes.items():
+            if tuple(getattr(self, name).shape) != shape:
+                got = tuple(getattr(self, name).shape)
+                raise ValueError(f"splat map: {name} must be {shape} beside means {(n, d)}, got {got}")
+
+    @property
+    def dim(self) -> int:
+        return self.means.shape[1]
+
+    @property
+    def n_splats(self) -> int:
+        return self.means.shape[0]
+
+    @property
+    def opacities(self) -> Float[Tensor, " n"]:
+        return torch.sigmoid(self.opacity_logits)
+
+    @property
+    def scales(self) -> Float[Tensor, "n d"]:
+        """Standard deviations along the splat's own axes [m]."""
+        return torch.exp(self.log_scales)
+
+    def covariances(self) -> Float[Tensor, "n d d"]:
+        """Σ = R S² Rᵀ [m²]."""
+        return geometry.covariances(self.log_scales, self.rotations)
+
+    def tensors(self) -> tuple[Tensor, ...]:
+        """The five fields in order."""
+        return tuple(getattr(self, f.name) for f in dataclasses.fields(self))
+
+    def select(self, index) -> "SplatMap":
+        """The splats at integer or boolean `index`, in that order."""
+        index = torch.as_tensor(index, device=self.means.device)
+        return SplatMap(*(t[index] for t in self.tensors()))
+
+    def to(self, *args, **kwargs) -> "SplatMap":
+        """As `torch.Tensor.to`: another device or precision."""
+        return SplatMap(*(t.to(*args, **kwargs) for t in self.tensors()))
+
+    @staticmethod
+    def empty(dim: int) -> "SplatMap":
+        """A map without splats."""
+        return SplatMap(
+            *(torch.zeros(0, k) for k in (dim, dim, 2 if dim == 2 else 4)), torch.zeros(0), torch.zeros(0, 3)
+        )
+
+
+def union(*maps: SplatMap) -> SplatMap:
+    """The disjoint union of maps, Eq. (16), in the order of the arguments. Raises ValueError if dimensions differ."""
+    if len({m.dim for m in maps}) != 1:
+        raise ValueError(f"union: maps must share one dimension, got {[m.dim for m in maps]}")
+    return SplatMap(*(torch.cat(parts) for parts in zip(*(m.tensors() for m in maps), strict=True)))
+
+
+def save(splat_map: SplatMap, path) -> None:
+    """Write a map to `.npz` (both dimensions) or `.ply` (3-D, the standard 3DGS layout)."""
+    path = Path(path)
+    fields = {f.name: getattr(splat_map, f.name).detach().cpu().numpy() for f in dataclasses.fields(splat_map)}
+    if path.suffix == ".npz":
+        np.savez(path, **fields)
+    elif path.suffix == ".ply":
+        _save_ply(fields, path)
+    else:
+        raise FormatError(f"{path}: unknown ending '{path.suffix}'; use .npz or .ply")
+
+
+def load(path) -> SplatMap:
+    """Read a map from `.npz` or `.ply`; nothing in the file is ever executed.
+
+    Raises FormatError for a file that is missing, truncated, of the wrong shape or not finite.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError(f"{path}: no such file")
+    if path.suffix not in (".npz", ".ply"):
+        raise FormatError(f"{path}: unknown ending '{path.suffix}'; use .npz or .ply")
+    fields = (_load_npz if path.suffix == ".npz" else _load_ply)(path)
+    for name, values in fields.items():
+        bad = ~np.isfinite(values.reshape(len(values), -1)).all(1)
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
+            raise FormatError(f"{path}: {name} of splat {row} is not finite; remove it or save the map again")
+    try:
+        return SplatMap(**{name: torch.from_numpy(values) for name, values in fields.items()})
+    except ValueError as error:
+        raise FormatError(f"{path}: {error}") from None
+
+
+def _load_npz(path: Path) -> dict[str, np.ndarray]:
+    names = [f.name for f in dataclasses.fields(SplatMap)]
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            missing = [name for name in names if name not in archive]
+            if missing:
+                raise FormatError(f"{path}: holds no {', '.join(missing)}; was it written by splats.save?")
+            fields = {name: archive[name] for name in names}
+    except (zipfile.BadZipFile, OSError, EOFError, KeyError) as error:
+        raise FormatError(f"{path}: not a whole .npz archive ({error}); copy or save it again") from None
+    except ValueError as error:
+        if isinstance(error, FormatError):
+            raise
+        raise FormatError(f"{path}: holds something other than plain numbers; save the map again") from None
+    for name, values in fields.items():
+        if values.dtype.kind != "f":
+            raise FormatError(f"{path}: {name} must hold floating-point numbers, got {values.dtype}")
+        fields[name] = values.astype(np.float64 if values.dtype == np.float64 else np.float32)
+    return fields
+
+
+_PLY_NAMES = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", *(f"scale_{k}" for k in range(3))]
+_PLY_NAMES += [f"rot_{k}" for k in range(4)]
+_PLY_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"}
+_PLY_TYPES |= {
+    "double": "f8",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+}
+_PLY_TYPES |= {"float32": "f4", "float64": "f8"}
+
+
+def _save_ply(fields: dict[str, np.ndarray], path: Path) -> None:
+    if fields["means"].shape[1] != 3:
+        raise FormatError(f"{path}: the .ply layout is for 3-D splats; save a flatland map as .npz")
+    n = len(fields["means"])
+    names = ["x", "y", "z", "nx", "ny", "nz", *_PLY_NAMES[3:]]  # viewers expect normals, all zero
+    table = np.concatenate(
+        [
+            fields["means"],
+            np.zeros((n, 3)),
+            (fields["colors"] - 0.5) / _SH_C0,
+            fields["opacity_logits"][:, None],
+            fields["log_scales"],
+            fields["rotations"],
+        ],
+        1,
+    ).astype("<f4")
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {n}"]
+    header += [f"property float {name}" for name in names] + ["end_header"]
+    path.write_bytes(("\n".join(header) + "\n").encode() + table.tobytes())
+
+
+def _ply_header(path: Path, lines: list[bytes]) -> tuple[int, np.dtype]:
+    """Number of vertices and the record of one, from the header's lines."""
+    if lines[0].strip() != b"ply":
+        raise FormatError(f"{path}: does not begin with 'ply'; is it a 3DGS point cloud?")
+    count, columns, element = None, [], None
+    for line in lines[1:]:
+        words = line.decode("ascii", "replace").split()
+        if words[:1] == ["format"] and words[1:2] != ["binary_little_endian"]:
+            raise FormatError(f"{path}: only binary_little_endian .ply files are read; convert it first")
+        if words[:1] == ["element"]:
+            element = words[1] if len(words) == 3 and words[2].isdigit() else None
+            if element is None or (count is None and element != "vertex"):
+                raise FormatError(f"{path}: the header's line '{' '.join(words)}' should be 'element vertex N'")
+            count = int(words[2]) if element == "vertex" else count
+        if words[:1] == ["property"] and element == "vertex":
+            if len(words) != 3 or words[1] not in _PLY_TYPES:
+                raise FormatError(f"{path}: cannot read the header's line '{' '.join(words)}'")
+            columns.append((words[2], "<" + _PLY_TYPES[words[1]]))
+    names = [name for name, _ in columns]
+    missing = [name for name in _PLY_NAMES if name not in names]
+    if count is None or missing or len(set(names)) < len(names):
+        fault = f"lacks {', '.join(missing[:4])}" if missing else "has no vertices or names a property twice"
+        raise FormatError(f"{path}: {fault}; expected the standard 3DGS properties")
+    return count, np.dtype(columns)
+
+
+def _load_ply(path: Path) -> dict[str, np.ndarray]:
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(65536)
+        end = head.find(b"end_header\n")
+        if end < 0:
+            raise FormatError(f"{path}: no 'end_header' in its first 64 kB; not a whole .ply file")
+        count, record = _ply_header(path, head[:end].splitlines())
+        start = end + len(b"end_header\n")
+        if count > _MAX_SPLATS or count * record.itemsize > size - start:
+            room = (size - start) // record.itemsize
+            raise FormatError(
+                f"{path}: the header promises {count} splats, the file has room for {room}; copy it again"
+            )
+        file.seek(start)
+        rows = np.fromfile(file, record, count)
+    if any(np.any(rows[name] != 0) for name in record.names if name.startswith("f_rest_")):
+        warnings.warn(f"{path}: spherical harmonics beyond degree 0 are dropped", stacklevel=3)
+
+    def columns(*names: str) -> np.ndarray:
+        return np.stack([rows[name] for name in names], 1).astype(np.float32)
+
+    return {
+        "means": columns("x", "y", "z"),
+        "log_scales": columns(*(f"scale_{k}" for k in range(3))),
+        "rotations": columns(*(f"rot_{k}" for k in range(4))),
+        "opacity_logits": columns("opacity")[:, 0],
+        "colors": 0.5 + np.float32(_SH_C0) * columns(*(f"f_dc_{k}" for k in range(3))),
+    }
