@@ -137,6 +137,7 @@ def so_log(rotation: Tensor) -> Tensor:
         return sines * (angle / sine if float(sine.detach()) > 1e-12 else 1.0)
     symmetric = (rotation + rotation.T) / 2 + torch.eye(3).to(rotation)  # half a turn: 2 a aᵀ, a the axis
     axis = symmetric[:, torch.argmax(torch.diagonal(symmetric))]
+    axis = axis * torch.where(axis @ sines < 0, -1.0, 1.0)
     return angle * axis / torch.linalg.norm(axis)
 
 

@@ -11,6 +11,8 @@ from scipy import ndimage
 from mannbv.kernels import search
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 1
+HIT, PASS = 2.0, -0.4  # log-odds that one look adds
+_LEAST, _MOST = -4.0, 8.0
 
 
 @dataclass(frozen=True)
@@ -74,17 +76,43 @@ class Occupancy:
         frame changes a cell at most once, and a hit wins over a pass.
         """
         lattice = self.lattice
-        free, hit = np.zeros(lattice.shape, bool), np.zeros(lattice.shape, bool)
         start = (np.asarray(origin, float)[:2] - lattice.origin) / lattice.cell
         stops = (np.asarray(ends, float)[:, :2] - lattice.origin) / lattice.cell
-        search.carve(free, hit, start[0], start[1], stops, np.asarray(hits, bool))
-        change = np.where(hit, 2.0, np.where(free, -0.4, 0.0))
-        return Occupancy(lattice, np.clip(self.log_odds + change, -4.0, 8.0).astype(np.float32))
+        touched = np.floor(np.concatenate([stops, start[None]])).astype(int)
+        low = np.clip(touched.min(0), 0, lattice.shape)
+        high = np.clip(touched.max(0) + 1, low, lattice.shape)
+        free, hit = np.zeros(high - low, bool), np.zeros(high - low, bool)
+        search.carve(free, hit, start[0] - low[0], start[1] - low[1], stops - low, np.asarray(hits, bool))
+        window = np.s_[low[0] : high[0], low[1] : high[1]]
+        log_odds = self.log_odds.copy()
+        change = np.where(hit, HIT, np.where(free, PASS, 0.0)).astype(np.float32)
+        log_odds[window] = _bounded(log_odds[window] + change, (log_odds[window] != 0) | free | hit)
+        return Occupancy(lattice, log_odds)
+
+    def cropped(self, points, margin: float) -> "Occupancy":
+        """Only the box around the known cells and the given points (k, ≥ 2) [m], `margin` [m] wider on every side."""
+        known = np.argwhere(self.log_odds != 0)
+        cells = np.concatenate([known, self.lattice.index(points)])
+        rim = int(np.ceil(margin / self.lattice.cell))
+        low = np.clip(cells.min(0) - rim, 0, np.array(self.lattice.shape) - 1)
+        high = np.clip(cells.max(0) + rim + 1, low + 1, self.lattice.shape)
+        corner = np.array(self.lattice.origin) + low * self.lattice.cell
+        shape = (int(high[0] - low[0]), int(high[1] - low[1]))
+        lattice = Lattice((float(corner[0]), float(corner[1])), self.lattice.cell, shape)
+        return Occupancy(lattice, self.log_odds[low[0] : high[0], low[1] : high[1]])
 
     def merged(self, *others: "Occupancy") -> "Occupancy":
         """Evidence of several robots over the same lattice, added up."""
-        total = sum((o.log_odds for o in others), self.log_odds)
-        return Occupancy(self.lattice, np.clip(total, -4.0, 8.0).astype(np.float32))
+        if any(o.lattice != self.lattice for o in others):
+            raise ValueError("grid: only occupancies over the same lattice merge")
+        layers = np.stack([self.log_odds, *(o.log_odds for o in others)])
+        return Occupancy(self.lattice, _bounded(layers.sum(0), (layers != 0).any(0)))
+
+
+def _bounded(log_odds: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Clipped evidence. A tie in a seen cell counts as occupied, to be careful: exactly 0 means never seen."""
+    tie = seen & (np.abs(log_odds) < 1e-3)
+    return np.where(tie, 1e-3, np.clip(log_odds, _LEAST, _MOST)).astype(np.float32)
 
 
 def within(cells: np.ndarray, distance: float, cell: float) -> np.ndarray:
@@ -103,18 +131,27 @@ def nearest(cells: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return where[:, x, y].T, distance[x, y]
 
 
+def _check_cells(cost: np.ndarray, cells: np.ndarray) -> None:
+    """The kernels do not look whether a cell exists."""
+    wrong = cells[((cells < 0) | (cells >= cost.shape)).any(1)]
+    if len(wrong):
+        raise ValueError(f"grid: cell {tuple(wrong[0].tolist())} lies outside the lattice of {cost.shape} cells")
+
+
 def geodesic(cost: np.ndarray, sources: np.ndarray, limit: float = np.inf) -> np.ndarray:
     """Cheapest cost (nx, ny), in cells, from the nearest source cell (k, 2); inf where there is no way.
 
     cost (nx, ny): price of a cell, inf where blocked; 1 everywhere gives the graph distance ‖·‖_g of Eq. (13).
     """
     sources = np.asarray(sources, np.int64).reshape(-1, 2)
+    _check_cells(cost, sources)
     return search.shortest(np.asarray(cost, float), sources, np.array([-1, -1]), float(limit))[0]
 
 
 def path(cost: np.ndarray, start, goal) -> np.ndarray | None:
     """Cells (k, 2) of a cheapest path by A*, both ends included; None where there is no way."""
     start, goal = np.asarray(start, np.int64), np.asarray(goal, np.int64)
+    _check_cells(cost, np.stack([start, goal]))
     distance, parent = search.shortest(np.asarray(cost, float), start[None], goal, np.inf)
     if not np.isfinite(distance[goal[0], goal[1]]):
         return None

@@ -4,6 +4,7 @@ Parameters per splat, in the world frame: mean (d), log-scale (d), rotation in t
 opacity logit (1), colour (3): 9 in flatland, 13 in 3-D.
 """
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -250,38 +251,51 @@ def yaw_profile(
             slope = torch.autograd.grad(value, angle)[0] if value.requires_grad else 0.0
             return value.item(), float(slope)
 
-        return YawProfile(yaws, np.array([evaluate(yaw)[0] for yaw in yaws]), evaluate)
+        with torch.no_grad():
+            gains = np.array([evaluate(yaw)[0] for yaw in yaws])
+        return YawProfile(yaws, gains, evaluate)
     if others is not None:
         worth = torch.cat([worth, torch.zeros(others.n_splats, worth.shape[1]).to(worth)])
         splat_map = splats.union(splat_map, others)
-    flat, depth = _panorama(splat_map, camera, position, worth, sigma_color, sigma_depth)
-    headings = -((np.arange(len(flat)) + 0.5) * 2 * math.pi / len(flat) - math.pi)  # the panorama turns right
-    half_width = math.pi / len(flat)
-
-    def correlate(yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gains and slopes (k,) of yaws (k,): pixels of the view in each column, times the column's density."""
-        ahead = geometry.wrap(headings[None] - yaw[:, None])
-        left, right = ahead + half_width, ahead - half_width
-        edge = camera.fov / 2
-        pixels = camera.focal * (np.tan(np.clip(left, -edge, edge)) - np.tan(np.clip(right, -edge, edge)))
-        rate = camera.focal * (np.where(abs(right) < edge, np.cos(right) ** -2.0, 0.0)
-                               - np.where(abs(left) < edge, np.cos(left) ** -2.0, 0.0))  # fmt: skip
-        axis = np.stack([np.cos(yaw), np.sin(yaw)], -1)
-        across = np.stack([-np.sin(yaw), np.cos(yaw)], -1)
-        density = flat + np.einsum("ka,abw,kb->kw", axis, depth, axis)
-        density_rate = 2 * np.einsum("ka,abw,kb->kw", axis, depth, across)
-        return (pixels * density).sum(1), (rate * density + pixels * density_rate).sum(1)
+    densities = _panorama(splat_map, camera, position, worth, sigma_color, sigma_depth)
 
     def evaluate(yaw: float) -> tuple[float, float]:
-        value, slope = correlate(np.array([float(yaw)]))
-        return float(value[0]), float(slope[0])
+        pixels, rates = _pixels(camera.focal, camera.fov, densities.shape[1], np.array([float(yaw)]))
+        turn, turn_rate = _axis_terms(np.array([float(yaw)]))
+        seen = pixels @ densities.T
+        return float((seen * turn).sum()), float((rates @ densities.T * turn + seen * turn_rate).sum())
 
-    return YawProfile(yaws, correlate(yaws)[0], evaluate)
+    weights_of_columns = _uniform_pixels(camera.focal, camera.fov, densities.shape[1], n_yaws)
+    return YawProfile(yaws, (weights_of_columns @ densities.T * _axis_terms(yaws)[0]).sum(1), evaluate)
+
+
+def _axis_terms(yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What multiplies the four densities (colour, xx, xy, yy) of a camera along `yaw` (k,), and its slope: (k, 4)."""
+    cos, sin, zero = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
+    terms = np.stack([zero + 1, cos * cos, 2 * cos * sin, sin * sin], -1)
+    slopes = np.stack([zero, -2 * cos * sin, 2 * (cos * cos - sin * sin), 2 * cos * sin], -1)
+    return terms, slopes
+
+
+def _pixels(focal: float, fov: float, columns: int, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How many of a pinhole's pixels along `yaw` (k,) each panorama column holds, and the slope: (k, columns)."""
+    headings = -((np.arange(columns) + 0.5) * 2 * math.pi / columns - math.pi)  # the panorama turns right
+    ahead = geometry.wrap(headings - yaw[:, None])
+    left, right, edge = ahead + math.pi / columns, ahead - math.pi / columns, fov / 2
+    pixels = focal * (np.tan(np.clip(left, -edge, edge)) - np.tan(np.clip(right, -edge, edge)))
+    rates = [focal * np.where(abs(side) < edge, np.cos(side) ** -2.0, 0.0) for side in (right, left)]
+    return pixels, rates[0] - rates[1]
+
+
+@functools.lru_cache(maxsize=8)
+def _uniform_pixels(focal: float, fov: float, columns: int, n_yaws: int) -> np.ndarray:
+    """`_pixels` of uniform yaws: the same for every position, so kept."""
+    return _pixels(focal, fov, columns, uniform_yaws(n_yaws))[0]
 
 
 @torch.no_grad()
 def _panorama(splat_map: SplatMap, camera: Camera, position, worth: Tensor, sigma_color: float, sigma_depth: float):
-    """Gain per panorama column if a pixel lay there: colour (W,), and depth's quadratic form in the axis (2, 2, W).
+    """Gain per panorama column if a pixel lay there, (4, W): colour, and depth's xx, xy and yy in the camera's axis.
 
     The panorama has 1.2 · 2π · focal columns, so that its low pass and the pinhole's agree on average.
     """
@@ -306,4 +320,4 @@ def _panorama(splat_map: SplatMap, camera: Camera, position, worth: Tensor, sigm
     cross = torch.einsum("avp,bvp->abp", lift, shift * drawn.weight / sigma_depth)
     depth = torch.einsum("avp,bvp,vp->abp", lift, lift, response) + cross + cross.transpose(0, 1)
     depth = depth + torch.diag_embed(square.T @ mean_worth / sigma_depth**2).permute(1, 2, 0)
-    return flat.double().numpy(), depth.double().numpy()
+    return torch.stack([flat, depth[0, 0], depth[0, 1], depth[1, 1]]).double().numpy()

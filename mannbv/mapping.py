@@ -67,8 +67,8 @@ def loss(splat_map: SplatMap, camera: Camera, frame: Frame, depth_weight: float)
     """Eq. (2) as means over pixels: L1 of colour + ψ L1 of depth [m]; pixels without a depth count for neither."""
     drawn = render.render(splat_map, camera, frame.pose)
     valid = frame.valid
-    color = (drawn.color - frame.color).abs().sum(-1)[valid]
-    depth = (drawn.depth - frame.depth).abs()[valid]
+    color = (drawn.color[valid] - frame.color[valid]).abs().sum(-1)
+    depth = (drawn.depth[valid] - frame.depth[valid]).abs()  # a missing depth may be NaN, whose slope would spread
     return (color + depth_weight * depth).sum() / max(int(valid.sum()), 1)
 
 

@@ -54,9 +54,10 @@ def proximity(
         distance = torch.linalg.norm(splat_map.means[:, None] - path.to(splat_map.means), dim=-1).amin(1)
         return gamma1 * torch.exp(-gamma2 * distance)
     lattice, free = occupancy.lattice, occupancy.state == grid.FREE
-    sources = lattice.index(path.numpy())
+    sources = lattice.index(path.detach().cpu().numpy())
     along = grid.geodesic(np.where(free, 1.0, np.inf), sources[lattice.inside(sources)], limit / lattice.cell)
-    cells = np.clip(lattice.index(splat_map.means.numpy()), 0, np.array(lattice.shape) - 1)
+    cells = np.clip(lattice.index(splat_map.means.detach().cpu().numpy()), 0, np.array(lattice.shape) - 1)
     door, rest = grid.nearest(free, cells)
     distance = (along[door[:, 0], door[:, 1]] + rest) * lattice.cell
-    return torch.from_numpy(gamma1 * np.exp(-gamma2 * distance)).to(splat_map.means)
+    weights = np.where(distance <= limit, gamma1 * np.exp(-gamma2 * np.minimum(distance, limit)), 0.0)
+    return torch.from_numpy(weights).to(splat_map.means)

@@ -10,15 +10,14 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.spatial import cKDTree
 from scipy.special import erfinv
 from torch import Tensor
 
 from mannbv.config import Config
+from mannbv.kernels import field as kernel
 from mannbv.splats import SplatMap
 
 _DEFAULT = Config()
-_BANDS = 6
 
 
 def _check(level) -> None:
@@ -53,9 +52,9 @@ def sampled(samples, level) -> tuple[float, float]:
     """V@R and AV@R [m] of samples (k,) [m] of any distance: the worst `level` share, and its mean."""
     _check(level)
     ordered = np.sort(np.asarray(samples, float).ravel())
-    count = math.ceil(level * len(ordered))
-    if not count:
-        raise ValueError("risk: no samples to take the worst of")
+    if not len(ordered) or np.isnan(ordered).any():
+        raise ValueError("risk: needs at least one sample, none of them NaN")
+    count = max(1, math.ceil(level * len(ordered) - 1e-9))
     return float(ordered[count - 1]), float(ordered[:count].mean())
 
 
@@ -106,9 +105,12 @@ def field(
         raise ValueError(f"risk: points are {points.shape[1]}-D, the map is {splat_map.dim}-D")
     if not (splat_map.n_splats and len(points)):
         return torch.full((len(points),), math.inf).to(splat_map.means)
+    inputs = (points, splat_map.means, splat_map.log_scales)
+    if not all(bool(torch.isfinite(t).all()) for t in inputs):
+        raise ValueError("risk: splats and points must be finite")
     rule = MEASURES[measure]
-    if rule.linear and spread == "largest" and not splat_map.means.requires_grad:
-        return _nearest_first(splat_map, points, -float(rule.function(0.0, 1.0, level)))
+    if rule.linear and spread == "largest" and not any(t.requires_grad for t in inputs):
+        return _linear(splat_map, points, -float(rule.function(0.0, 1.0, level)))
     rows = max(1, 2_000_000 // splat_map.n_splats)  # bounds the memory of a chunk
     return torch.cat([_every_splat(splat_map, part, level, rule, spread) for part in points.split(rows)])
 
@@ -119,30 +121,20 @@ def _every_splat(splat_map: SplatMap, points: Tensor, level, rule: Measure, spre
     std = splat_map.scales.amax(1).expand_as(distance)
     if spread == "along":
         sight = away / distance.clamp_min(1e-12)[..., None]
-        std = torch.einsum("kni,nij,knj->kn", sight, splat_map.covariances(), sight).clamp_min(0).sqrt()
+        along = torch.einsum("kni,nij,knj->kn", sight, splat_map.covariances(), sight).clamp_min(1e-24).sqrt()
+        std = torch.where(distance > 1e-12, along, std)  # on a mean every line of sight is one: the worst
     return rule.function(distance, std, level).amin(1)
 
 
-def _nearest_first(splat_map: SplatMap, points: Tensor, factor: float) -> Tensor:
-    """min (distance − factor · σ): nearest neighbours first, until no farther splat can undercut what was found.
-
-    Splats of similar σ share a tree, so that "farther" means "riskier by little" and few neighbours suffice.
-    """
+def _linear(splat_map: SplatMap, points: Tensor, factor: float) -> Tensor:
+    """min (distance − factor · σ), box by box of splats: exact, and far fewer than k · n distances."""
     means, std = (t.detach().double().cpu().numpy() for t in (splat_map.means, splat_map.scales.amax(1)))
     where = points.detach().double().cpu().numpy()
     if not (np.isfinite(means).all() and np.isfinite(std).all() and np.isfinite(where).all()):
         raise ValueError("risk: splats and points must be finite")
-    lowest = np.full(len(where), np.inf)
-    for band in np.array_split(np.argsort(std), min(_BANDS, len(std))):
-        tree, best_std, count = cKDTree(means[band]), (factor * std[band]).max(), 1
-        rows = np.arange(len(where))
-        while len(rows):
-            count = min(count, len(band))
-            distance, index = tree.query(where[rows], k=np.arange(1, count + 1))
-            lowest[rows] = np.minimum(lowest[rows], (distance - factor * std[band][index]).min(1))
-            rows = rows[(distance[:, -1] - best_std < lowest[rows]) & (count < len(band))]
-            count *= 4
-    return torch.from_numpy(lowest).to(splat_map.means)
+    order = kernel.ordered(means)
+    risk = kernel.lowest(means[order], factor * std[order], np.ascontiguousarray(where))
+    return torch.from_numpy(risk).to(splat_map.means)
 
 
 def total(

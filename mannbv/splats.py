@@ -1,8 +1,10 @@
 """The map: a frozen record of Gaussian splats g = (μ, Σ, o, c) (Section III-A), its union (16), and its files."""
 
 import dataclasses
+import math
 import warnings
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -117,36 +119,47 @@ def load(path) -> SplatMap:
     if path.suffix not in (".npz", ".ply"):
         raise FormatError(f"{path}: unknown ending '{path.suffix}'; use .npz or .ply")
     fields = (_load_npz if path.suffix == ".npz" else _load_ply)(path)
-    for name, values in fields.items():
-        bad = ~np.isfinite(values.reshape(len(values), -1)).all(1)
-        if bad.any():
-            row = int(np.flatnonzero(bad)[0])
-            raise FormatError(f"{path}: {name} of splat {row} is not finite; remove it or save the map again")
     try:
-        return SplatMap(**{name: torch.from_numpy(values) for name, values in fields.items()})
+        splat_map = SplatMap(**{name: torch.from_numpy(values) for name, values in fields.items()})
     except ValueError as error:
-        raise FormatError(f"{path}: {error}") from None
+        raise FormatError(f"{path}: {error}; save the map again") from None
+    for name, values in fields.items():
+        bad = np.argwhere(~np.isfinite(values))
+        if len(bad):
+            raise FormatError(f"{path}: {name} of splat {bad[0, 0]} is not finite; remove it or save the map again")
+    return splat_map
 
 
 def _load_npz(path: Path) -> dict[str, np.ndarray]:
     names = [f.name for f in dataclasses.fields(SplatMap)]
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            missing = [name for name in names if name not in archive]
+        with zipfile.ZipFile(path) as archive:
+            missing = [name for name in names if f"{name}.npy" not in archive.namelist()]
             if missing:
                 raise FormatError(f"{path}: holds no {', '.join(missing)}; was it written by splats.save?")
-            fields = {name: archive[name] for name in names}
-    except (zipfile.BadZipFile, OSError, EOFError, KeyError) as error:
-        raise FormatError(f"{path}: not a whole .npz archive ({error}); copy or save it again") from None
+            return {name: _read_npy(archive, name) for name in names}
+    except FormatError:
+        raise
     except ValueError as error:
-        if isinstance(error, FormatError):
-            raise
-        raise FormatError(f"{path}: holds something other than plain numbers; save the map again") from None
-    for name, values in fields.items():
-        if values.dtype.kind != "f":
-            raise FormatError(f"{path}: {name} must hold floating-point numbers, got {values.dtype}")
-        fields[name] = values.astype(np.float64 if values.dtype == np.float64 else np.float32)
-    return fields
+        raise FormatError(f"{path}: {error}; save the map again") from None
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError) as error:
+        raise FormatError(f"{path}: not a whole .npz archive ({error}); copy or save it again") from None
+
+
+def _read_npy(archive: zipfile.ZipFile, name: str) -> np.ndarray:
+    """One array of plain floats. Unlike `np.load`, believes no header before the bytes for it are there."""
+    size = archive.getinfo(f"{name}.npy").file_size
+    with archive.open(f"{name}.npy") as file:
+        version = np.lib.format.read_magic(file)
+        header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, fortran, dtype = header(file)
+        if dtype.kind != "f":
+            raise ValueError(f"{name} must hold floating-point numbers, got {dtype}")
+        count, room = math.prod(shape), (size - file.tell()) // dtype.itemsize
+        if count != room or len(shape) not in (1, 2) or count > 4 * _MAX_SPLATS:
+            raise ValueError(f"{name} promises {shape} numbers, the file has room for {room}")
+        values = np.frombuffer(file.read(), dtype).reshape(shape, order="F" if fortran else "C")
+    return values.astype(np.float64 if dtype.itemsize == 8 else np.float32, order="C")
 
 
 _PLY_NAMES = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", *(f"scale_{k}" for k in range(3))]
@@ -187,7 +200,7 @@ def _save_ply(fields: dict[str, np.ndarray], path: Path) -> None:
 
 def _ply_header(path: Path, lines: list[bytes]) -> tuple[int, np.dtype]:
     """Number of vertices and the record of one, from the header's lines."""
-    if lines[0].strip() != b"ply":
+    if not lines or lines[0].strip() != b"ply":
         raise FormatError(f"{path}: does not begin with 'ply'; is it a 3DGS point cloud?")
     count, columns, element = None, [], None
     for line in lines[1:]:
@@ -195,7 +208,7 @@ def _ply_header(path: Path, lines: list[bytes]) -> tuple[int, np.dtype]:
         if words[:1] == ["format"] and words[1:2] != ["binary_little_endian"]:
             raise FormatError(f"{path}: only binary_little_endian .ply files are read; convert it first")
         if words[:1] == ["element"]:
-            element = words[1] if len(words) == 3 and words[2].isdigit() else None
+            element = words[1] if len(words) == 3 and words[2].isdigit() and len(words[2]) < 19 else None
             if element is None or (count is None and element != "vertex"):
                 raise FormatError(f"{path}: the header's line '{' '.join(words)}' should be 'element vertex N'")
             count = int(words[2]) if element == "vertex" else count
@@ -220,8 +233,9 @@ def _load_ply(path: Path) -> dict[str, np.ndarray]:
             raise FormatError(f"{path}: no 'end_header' in its first 64 kB; not a whole .ply file")
         count, record = _ply_header(path, head[:end].splitlines())
         start = end + len(b"end_header\n")
-        if count > _MAX_SPLATS or count * record.itemsize > size - start:
-            room = (size - start) // record.itemsize
+        room = (size - start) // record.itemsize
+        alone = head[:end].count(b"\nelement ") == 1  # nothing else may fill the rest of the file
+        if count > _MAX_SPLATS or count > room or (alone and count < room):
             raise FormatError(
                 f"{path}: the header promises {count} splats, the file has room for {room}; copy it again"
             )

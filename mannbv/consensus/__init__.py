@@ -1,0 +1,25 @@
+"""Agreement on any objectives F_i of the team's yaws, Eqs. (25)-(29); it knows no splats."""
+
+from mannbv.consensus.agreement import PRIMALS, Agreement, start, step
+from mannbv.consensus.objectives import best_yaws, grid, interpolate, quantise, restore, scale_of, tabulate, value
+from mannbv.consensus.solvers import SOLVERS, Round, Settings, register, solve
+
+__all__ = [
+    "PRIMALS",
+    "SOLVERS",
+    "Agreement",
+    "Round",
+    "Settings",
+    "best_yaws",
+    "grid",
+    "interpolate",
+    "quantise",
+    "register",
+    "restore",
+    "scale_of",
+    "solve",
+    "start",
+    "step",
+    "tabulate",
+    "value",
+]

@@ -1,0 +1,182 @@
+"""Ways to agree on the team's yaws: C-ADMM in its forms, and what it is up against (Section V-C)."""
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from mannbv import geometry
+from mannbv import network as networks
+from mannbv.consensus import objectives as tables
+from mannbv.consensus.agreement import Agreement, start, step
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """Where the team stands after a round of messages; angles in [−π, π)."""
+
+    yaws: Float[np.ndarray, " robots"]  # each robot's own yaw [rad]
+    copies: Float[np.ndarray, "robots robots"]  # copies[i, k]: robot i's copy of robot k's yaw [rad]
+    primal_residual: float = 0.0  # largest of the robots' [rad]
+    dual_residual: float = 0.0  # largest of the robots'
+    penalty: float = 0.0  # ρ of this round
+    states: tuple[Agreement, ...] = ()  # every robot's memory, for C-ADMM
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a solver may need beside the problem. Raises ValueError for impossible values."""
+
+    penalty: Any = 0.05  # ρ, for objectives whose largest value is 1
+    growth: Any = 1.1  # ρ is multiplied by this each round
+    rounds: Any = 30  # T_ADMM, rounds of messages at most
+    tolerance: Any = 0.01  # the rounds end when both residuals are smaller
+    primal: Any = None  # "exact" or "gradient"; None: as the solver's name says
+    rng: Any = None  # a numpy generator, for solvers that draw
+    loss: Any = 0.0  # probability that a message is lost (C-ADMM only; needs rng)
+    scale: Any = None  # objectives are divided by this; None: their largest absolute value, 1 for functions
+    steps: Any = 5  # of the gradient primal
+    rate: Any = 0.2  # [rad²] step of the gradient primal
+    bins: Any = 36  # of a quantised profile
+    bits: Any = 8  # of each bin
+
+    def __post_init__(self):
+        for name in ("penalty", "growth", "rate", *(() if self.scale is None else ("scale",))):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"consensus: {name} must be positive and finite, got {getattr(self, name)}")
+        for name in ("rounds", "steps", "tolerance"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"consensus: {name} must not be negative, got {getattr(self, name)}")
+        if not 0 <= self.loss < 1 or (self.loss and self.rng is None):
+            raise ValueError(f"consensus: loss must lie in [0, 1) and needs an rng, got {self.loss} and {self.rng}")
+
+
+def solve(objectives, network, yaws, solver: str = "cadmm", **settings) -> list[Round]:
+    """The team's yaws that maximise Σ_i F_i, Eq. (25), as a trace of rounds; the last one is the answer.
+
+    objectives: (N, N, M) gains of robot k's view in robot i's map on M uniform yaws of [−π, π), or N functions
+    F_i(yaws (N,)). network: a connected networkx graph over robots 0 … N−1. yaws: the announced yaws (N,) [rad], or
+    first copies (N, N), whose diagonal counts as announced. solver: a name in SOLVERS. settings: fields of `Settings`.
+    Trace element t stands after t rounds of messages. Raises ValueError, in one line, for bad input.
+    """
+    if solver not in SOLVERS:
+        raise ValueError(f"consensus: no solver is called '{solver}'; choose one of {', '.join(SOLVERS)}")
+    unknown = sorted(set(settings) - set(Settings.__dataclass_fields__))
+    if unknown:
+        raise ValueError(f"consensus: no setting is called {', '.join(unknown)}; see consensus.Settings")
+    settings = Settings(**settings)
+    objectives = tables.checked(objectives)
+    n = len(objectives)
+    networks.check(network, n)
+    yaws = np.asarray(yaws, float)
+    if yaws.shape not in ((n,), (n, n)) or not np.isfinite(yaws).all():
+        raise ValueError(f"consensus: yaws must be {n} or {n} × {n} finite angles, got {yaws.tolist()}")
+    scale = float(settings.scale or tables.scale_of(objectives))
+    scaled = [tables.Called(f, scale) for f in objectives] if _functions(objectives) else objectives / scale
+    answer = SOLVERS[solver](scaled, network, yaws, settings)
+    return answer if isinstance(answer, list) else [_alone(_announced(yaws), np.asarray(answer, float))]
+
+
+def register(name: str, function) -> None:
+    """Make `solve(…, solver=name)` call function(objectives, network, yaws, settings); Raises ValueError if taken.
+
+    It gets checked, scaled objectives and a `Settings`, and returns a trace (a list of `Round`) or just N yaws [rad].
+    """
+    if name in _OURS or not callable(function):
+        raise ValueError(f"consensus: cannot register '{name}': the name is one of ours, or it is no function")
+    SOLVERS[name] = function
+
+
+def _functions(objectives) -> bool:
+    return not isinstance(objectives, np.ndarray)
+
+
+def _announced(yaws: np.ndarray) -> np.ndarray:
+    return yaws if yaws.ndim == 1 else np.diagonal(yaws)
+
+
+def _alone(announced: np.ndarray, yaws: np.ndarray) -> Round:
+    """Each robot knows what it chose itself, and of the others only what they had announced."""
+    copies = np.tile(announced, (len(yaws), 1))
+    np.fill_diagonal(copies, yaws)
+    return Round(geometry.wrap(yaws), geometry.wrap(copies))
+
+
+def _as_table(objectives, announced) -> np.ndarray:
+    return tables.tabulate(objectives, announced) if _functions(objectives) else objectives
+
+
+def own(objectives, network, yaws, settings) -> list[Round]:
+    """Each robot takes the best view for its own map, argmax f_kk; nothing is sent."""
+    announced = _announced(yaws)
+    diagonal = np.einsum("kkm->km", _as_table(objectives, announced))
+    return [_alone(announced, tables.best_yaws(diagonal, announced))]
+
+
+def optimum(objectives, network, yaws, settings) -> list[Round]:
+    """The oracle: argmax_ψ Σ_i f_ik(ψ) for every k. For functions a local search from the best of each yaw's sweep."""
+    announced = _announced(yaws)
+    best = tables.best_yaws(_as_table(objectives, announced).sum(0), announced)
+    if _functions(objectives):
+        team = tables.Called(lambda psi: sum(f(psi) for f in objectives))
+        still = np.zeros(len(best))
+        best = max((best, announced), key=team.value)
+        best = geometry.wrap(best + team.minimise(best, still, still, 0.0, circle=True))
+    return [Round(best, np.tile(best, (len(best), 1)))]
+
+
+def profile(objectives, network, yaws, settings) -> list[Round]:
+    """One exchange: each robot gets everyone's f_ik quantised to `bins` × `bits` and takes the best of the sum.
+
+    What C-ADMM is up against: 36 B and a scale a message, no rounds, no step size.
+    """
+    announced = _announced(yaws)
+    table = _as_table(objectives, announced)
+    n, _, n_yaws = table.shape
+    team = np.einsum("kkm->km", table).copy()  # a robot need not quantise what it keeps
+    for i, k in np.ndindex(n, n):
+        if i != k:
+            team[k] += tables.restore(*tables.quantise(table[i, k], settings.bins, settings.bits), n_yaws)
+    return [_alone(announced, tables.best_yaws(team, announced))]
+
+
+def _cadmm(objectives, network, yaws, settings, circle, primal) -> list[Round]:
+    announced = _announced(yaws)
+    options = {name: getattr(settings, name) for name in ("penalty", "growth", "steps", "rate")}
+    options |= {"circle": circle, "primal": settings.primal or primal}
+    firsts = np.tile(announced, (len(announced), 1)) if yaws.ndim == 1 else yaws
+    states = [
+        start(i, networks.neighbours(network, i), announced, objectives[i], copies=firsts[i], **options)
+        for i in range(len(announced))
+    ]
+    trace = [_stand(states, float(settings.penalty))]
+    while len(trace) <= settings.rounds:
+        if max(trace[-1].primal_residual, trace[-1].dual_residual) < settings.tolerance:
+            break
+        penalty, sent = states[0].penalty, [state.copies for state in states]
+        states = [step(s, {j: sent[j] for j in s.neighbours if not _lost(settings)}) for s in states]
+        trace.append(_stand(states, penalty))
+    return trace
+
+
+def _lost(settings) -> bool:
+    return settings.loss > 0 and settings.rng.random() < settings.loss
+
+
+def _stand(states, penalty: float) -> Round:
+    primal, dual = (max(getattr(s, name) for s in states) for name in ("primal_residual", "dual_residual"))
+    yaws, copies = np.array([s.yaw for s in states]), np.stack([s.yaws for s in states])
+    return Round(yaws, copies, primal, dual, penalty, tuple(states))
+
+
+SOLVERS = {
+    "cadmm": functools.partial(_cadmm, circle=True, primal="exact"),
+    "cadmm-gradient": functools.partial(_cadmm, circle=True, primal="gradient"),  # the paper's primal update
+    "cadmm-literal": functools.partial(_cadmm, circle=False, primal="exact"),  # shows what goes wrong at ±π
+    "profile": profile,
+    "own": own,
+    "optimum": optimum,
+}
+_OURS = frozenset(SOLVERS)

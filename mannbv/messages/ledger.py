@@ -1,0 +1,150 @@
+"""Counting bytes: an account of what was really serialised, the mailbox that keeps it, and the paper's formulas."""
+
+import json
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import networkx as nx
+
+from mannbv.messages.codec import CODECS, decode, encode
+from mannbv.messages.kinds import Message
+
+SPLAT_BYTES = {2: 40, 3: 56}  # float32: 10 numbers in flatland, 14 in space
+GUEST_BYTES = 25_000  # the paper's size of one limited-sharing message
+
+
+def centralized_bytes(splat_counts, dim=3) -> int:
+    """Bytes of one uplink of every robot's whole map, at 56 B a splat (40 B in flatland).
+
+    The paper's Tables II and V print these in units of 2²⁰ B and call them MB.
+    """
+    return sum(int(n) for n in splat_counts) * SPLAT_BYTES[dim]
+
+
+def limited_sharing_bytes(n_robots) -> int:
+    """Bytes of one limited-sharing exchange: N(N−1) ordered pairs, 25 000 B each.
+
+    The paper's Table VI prints these in units of 10⁶ B: 0.05, 0.5 and 1.05 MB for 2, 5 and 7 robots. For ten it prints
+    2.15 where the formula, and the other rows, give 2.25.
+    """
+    return int(n_robots) * (int(n_robots) - 1) * GUEST_BYTES
+
+
+def ideal_exchange_bytes() -> int:
+    """The paper's ideal exchange of the distributed method: 17 float64, a 4×4 pose and one scalar, 136 B."""
+    return (4 * 4 + 1) * 8
+
+
+@dataclass
+class Ledger:
+    """Messages and bytes [B] on every link, by kind and cycle; rows are only ever added to.
+
+    `rows` maps (sender, receiver, origin, kind, cycle) to [messages, bytes]; origin differs from sender in a relay.
+    """
+
+    rows: dict[tuple, list] = field(default_factory=dict)
+
+    def sent(self, sender, receiver, kind: str, cycle, n_bytes, origin=None) -> None:
+        """Enter one message of `n_bytes` = len(of the really serialised bytes)."""
+        key = (int(sender), int(receiver), int(sender if origin is None else origin), kind, int(cycle))
+        row = self.rows.setdefault(key, [0, 0])
+        row[0] += 1
+        row[1] += int(n_bytes)
+
+    def _sums(self, part) -> dict:
+        sums = {}
+        for key, (_, n_bytes) in self.rows.items():
+            sums[part(key)] = sums.get(part(key), 0) + n_bytes
+        return dict(sorted(sums.items()))
+
+    def total(self) -> int:
+        return sum(n_bytes for _, n_bytes in self.rows.values())
+
+    def messages(self) -> int:
+        """Number of messages."""
+        return sum(count for count, _ in self.rows.values())
+
+    def by_link(self) -> dict[tuple[int, int], int]:
+        """(sender, receiver) → bytes."""
+        return self._sums(lambda key: key[:2])
+
+    def by_kind(self) -> dict[str, int]:
+        return self._sums(lambda key: key[3])
+
+    def by_cycle(self) -> dict[int, int]:
+        return self._sums(lambda key: key[4])
+
+    def sent_by(self, robot) -> int:
+        return self._sums(lambda key: key[0]).get(robot, 0)
+
+    def received_by(self, robot) -> int:
+        return self._sums(lambda key: key[1]).get(robot, 0)
+
+    def paper_total(self, strategy: str) -> int:
+        """Bytes as the paper counts them: centralized, one uplink of each map a cycle (whoever else it went to, and
+        without plans or grids); limited, the splats of all ordered pairs, once each however many hops they took;
+        otherwise everything.
+        """
+        if strategy not in ("centralized", "limited"):
+            return self.total()
+        firsts = {}  # (origin, cycle) → bytes of splats on each of the origin's own links
+        for (sender, _, origin, kind, cycle), (_, n_bytes) in self.rows.items():
+            if kind == "Splats" and sender == origin:
+                firsts.setdefault((origin, cycle), []).append(n_bytes)
+        return sum(max(sizes) if strategy == "centralized" else sum(sizes) for sizes in firsts.values())
+
+    def to_json(self) -> str:
+        return json.dumps([[*key, *row] for key, row in sorted(self.rows.items())])
+
+    @staticmethod
+    def from_json(text: str) -> "Ledger":
+        """Raises ValueError for anything that `to_json` did not write."""
+        try:
+            rows = {
+                (int(s), int(r), int(o), str(k), int(c)): [int(m), int(b)] for s, r, o, k, c, m, b in json.loads(text)
+            }
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"ledger: not written by Ledger.to_json ({error})") from None
+        return Ledger(rows)
+
+
+class Post:
+    """A mailbox for robots in one process. What arrives has been through bytes, and every byte is in the ledger.
+
+    network: where given, messages cross only its links. lost(sender, receiver, message) → True drops a message, whose
+    bytes have been sent all the same.
+    """
+
+    def __init__(self, codec: str = "json", ledger: Ledger | None = None, network: nx.Graph | None = None, lost=None):
+        if codec not in CODECS:
+            raise ValueError(f"messages: no codec is called '{codec}'; choose one of {', '.join(CODECS)}")
+        self.codec, self.network, self.lost = codec, network, lost
+        self.ledger = Ledger() if ledger is None else ledger
+        self._boxes = {}
+
+    def send(self, sender, receiver, message: Message, cycle=None) -> int:
+        """Write, count and deliver a message; returns its bytes. `cycle` is the message's own by default.
+
+        Raises ValueError where the two robots are not linked, or are the same.
+        """
+        if sender == receiver or (self.network is not None and not self.network.has_edge(sender, receiver)):
+            raise ValueError(f"messages: robot {sender} has no link to robot {receiver}")
+        data = encode(message, self.codec)
+        kind, cycle = type(message).__name__, message.cycle if cycle is None else cycle
+        self.ledger.sent(sender, receiver, kind, cycle, len(data), message.robot)
+        if self.lost is None or not self.lost(sender, receiver, message):
+            self._boxes.setdefault(receiver, []).append((sender, decode(data)))
+        return len(data)
+
+    def relay(self, way, message: Message, cycle=None) -> None:
+        """Send a message along `way`, robots from the first sender to the receiver; those between only pass it on."""
+        for sender, receiver in pairwise(way):
+            self.send(sender, receiver, message, cycle)
+            if receiver != way[-1]:
+                message = self._boxes[receiver].pop()[1]
+
+    def collect(self, receiver, kind: type = Message) -> list[tuple[int, Message]]:
+        """Takes out what arrived for `receiver`, as (sender, message) in order; of one kind only, if asked."""
+        box = self._boxes.get(receiver, [])
+        self._boxes[receiver] = [item for item in box if not isinstance(item[1], kind)]
+        return [item for item in box if isinstance(item[1], kind)]

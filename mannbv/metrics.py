@@ -1,0 +1,97 @@
+"""Scores of a robot from the world, its map and its path (Section VI-C); never from a record."""
+
+import math
+
+import numpy as np
+import torch
+
+from mannbv import geometry, grid, planner, render, risk
+from mannbv.camera import Camera
+from mannbv.config import Config
+from mannbv.objective import Belief
+from mannbv.splats import SplatMap
+from mannbv.world import World
+
+HEADINGS = 8
+_SPACING = 1.0  # [m] between the places along a trajectory where the map is compared with the world
+_SURFACE = 0.02  # [m] between samples of the true surfaces
+
+
+def view_quality(splat_map: SplatMap, world: World, camera: Camera, trail: np.ndarray, config: Config):
+    """(PSNR [dB], depth MAE [m]) of the map against the world, from places a metre apart on a trajectory (k, d).
+
+    Eight headings at each place, as in the paper's "different viewing angles". PSNR is that of the mean squared error
+    over all views; pixels where the sensor has no depth do not count.
+    """
+    squares, gaps = [], []
+    for place in planner.thin(trail, _SPACING):
+        for heading in range(HEADINGS):
+            pose = geometry.yaw_pose(torch.from_numpy(place), 2 * math.pi * heading / HEADINGS)
+            truth = world.sense(camera, pose, max_depth=config.max_depth)
+            with torch.no_grad():
+                drawn = render.render(splat_map, camera, pose)
+            squares.append(((drawn.color - truth.color) ** 2)[truth.valid])
+            gaps.append((drawn.depth - truth.depth).abs()[truth.valid])
+    square, gap = torch.cat(squares).double().mean().item(), torch.cat(gaps).double().mean().item()
+    return -10 * math.log10(max(square, 1e-12)), gap
+
+
+def true_surfaces(world: World) -> SplatMap:
+    """The world's surfaces as splats without spread, so that their risk is the plain distance."""
+    points = torch.from_numpy(world.surface_points(_SURFACE)).float()
+    n, dim = points.shape
+    rotations = geometry.identity_rotations(n, dim)
+    return SplatMap(points, torch.full((n, dim), -20.0), rotations, torch.full((n,), 10.0), torch.zeros(n, 3))
+
+
+def reference_path(belief: Belief, start: np.ndarray, goal: np.ndarray, config: Config) -> np.ndarray | None:
+    """Section VI-C's path: risk-averse A* from start to goal (d,) on a robot's final map; None if it knows none."""
+    cells = planner.traversable(belief.occupancy, config)
+    if not cells.any():
+        return None
+    price = planner.prices(belief.splats, belief.occupancy.lattice, cells, start[2:], config)
+    return planner.safe_path(price, belief.occupancy.lattice, start, goal)
+
+
+def path_scores(belief: Belief, world: World, surfaces: SplatMap, start, goal, shortest: np.ndarray, config: Config):
+    """Risk of the reference path: on the own map, on the true surfaces, and its gain over the shortest feasible path.
+
+    Returns total_risk_m, total_risk_true_m, risk_gain_m; NaN where the map knows no way from start to goal.
+    """
+    path = reference_path(belief, np.asarray(start, float), np.asarray(goal, float), config)
+    if path is None:
+        return {"total_risk_m": math.nan, "total_risk_true_m": math.nan, "risk_gain_m": math.nan}
+
+    def total(splat_map: SplatMap, waypoints: np.ndarray) -> float:
+        return risk.total(splat_map, torch.from_numpy(waypoints), config.level, config.measure)
+
+    own = total(belief.splats, path)
+    return {
+        "total_risk_m": own,
+        "total_risk_true_m": total(surfaces, path),
+        "risk_gain_m": own - total(belief.splats, shortest),
+    }
+
+
+def travel_scores(world: World, trail: np.ndarray, goal, shortest: np.ndarray, reached: bool, collisions: int):
+    """Length, overhead, clearance and SPL of an executed trajectory (k, d) [m].
+
+    shortest (j, d): the shortest feasible path on the true plan. path_overhead counts the rest of the way to the goal,
+    which is "reached" from a distance; it is NaN unless the goal was reached.
+    """
+    length, best = float(planner.lengths(trail)[-1]), float(planner.lengths(shortest)[-1])
+    rest = float(np.linalg.norm(trail[-1] - goal))
+    return {
+        "path_length_m": length,
+        "path_overhead": (length + rest) / best - 1 if reached and best > 0 else math.nan,
+        "collisions": collisions,
+        "min_clearance_m": float(world.clearance(trail).min()),
+        "spl": float(reached) * best / max(length, best) if best > 0 else float(reached),
+    }
+
+
+def coverage(occupancy: grid.Occupancy, reachable: np.ndarray, lattice: grid.Lattice) -> float:
+    """Share of the reachable free area (nx, ny over `lattice`) that the robot has seen."""
+    centers = lattice.centers(np.argwhere(reachable))
+    seen = occupancy.lattice.at(occupancy.state, centers, grid.UNKNOWN) != grid.UNKNOWN
+    return float(seen.mean()) if len(seen) else math.nan

@@ -1,0 +1,103 @@
+"""Discrete motion: forward by a step, left or right by a turn (Section VI-B). Lengths [m], angles [rad].
+
+Yaws stay multiples of the turn away from the first one, wrapped into [−π, π).
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from mannbv import geometry
+
+ACTIONS = ("forward", "left", "right")
+STEP, TURN = 0.05, math.radians(5)  # [m] [rad], paper VI-B
+LOOKAHEAD = 0.4  # [m] the follower aims at most this far ahead …
+TOLERANCE = 0.015  # [m] … and cuts no more than this off the path
+_SAMPLE = 0.01  # [m] spacing of the path's points in the search
+
+
+def move(position, yaw, action: str, step=STEP, turn=TURN) -> tuple[np.ndarray, float]:
+    """The state after one action. Raises ValueError for an action that is not in `ACTIONS`."""
+    position, yaw = np.asarray(position, float), float(yaw)
+    if action == "forward":
+        ahead = np.zeros_like(position)
+        ahead[:2] = math.cos(yaw), math.sin(yaw)
+        return position + step * ahead, yaw
+    if action not in ACTIONS:
+        raise ValueError(f"move: an action is one of {', '.join(ACTIONS)}, got {action}")
+    return position, geometry.wrap(yaw + (turn if action == "left" else -turn))
+
+
+def turn_to(yaw, target, turn=TURN) -> Iterator[float]:
+    """The yaws on the shorter way to `target`, a `turn` at a time, until within half a turn of it."""
+    count = round(geometry.wrap(float(target) - float(yaw)) / turn)
+    for k in range(1, abs(count) + 1):
+        yield geometry.wrap(float(yaw) + math.copysign(k, count) * turn)
+
+
+def actions_towards(position, yaw, waypoint, step=STEP, turn=TURN) -> Iterator[str]:
+    """The actions of a robot that heads straight for `waypoint` (≥ 2,), until no step would bring it nearer."""
+    position, waypoint = np.asarray(position, float)[:2], np.asarray(waypoint, float)[:2]
+    while (distance := math.dist(position, waypoint)) > 0.55 * step:
+        target = math.atan2(*(waypoint - position)[::-1])
+        count = round(geometry.wrap(target - yaw) / turn)
+        for _ in range(abs(count)):
+            yield "left" if count > 0 else "right"
+        yaw = geometry.wrap(yaw + count * turn)
+        moved, _ = move(position, yaw, "forward", step)
+        if math.dist(moved, waypoint) >= distance:  # a coarse turn may point past the waypoint
+            return
+        position = moved
+        yield "forward"
+
+
+def follow(position, yaw, path, step=STEP, turn=TURN) -> Iterator[tuple[np.ndarray, float]]:
+    """The states (position (2,), yaw) of a robot after each action on its way along `path` (k, ≥ 2) [m].
+
+    Each step aims at the furthest point ahead that a straight line reaches without leaving the path by more than
+    `TOLERANCE`; it ends within a step of the path's end. Raises ValueError for a path without points.
+    """
+    points = _sampled(np.asarray(path, float).reshape(len(path), -1)[:, :2])
+    position, first, turns, here = np.asarray(position, float)[:2], float(yaw), 0, 0
+    window = round(LOOKAHEAD / _SAMPLE)
+    most = 2 * math.ceil((len(points) * _SAMPLE + math.dist(position, points[0])) / step) + 10
+    for _ in range(most):
+        ahead = points[here : here + window]
+        here += int(np.argmin(np.linalg.norm(ahead - position, axis=1)))
+        target = _aim(position, points[here : here + window], step)
+        if here + window >= len(points) and math.dist(position, points[-1]) <= 0.55 * step:
+            return
+        heading = math.atan2(*(target - position)[::-1])
+        count = round(geometry.wrap(heading - first - turns * turn) / turn)
+        for _ in range(abs(count)):
+            turns += int(math.copysign(1, count))
+            yield position, geometry.wrap(first + turns * turn)
+        moved, _ = move(position, first + turns * turn, "forward", step)
+        if len(points) - here <= step / _SAMPLE and math.dist(moved, points[-1]) >= math.dist(position, points[-1]):
+            return
+        position = moved
+        yield position, geometry.wrap(first + turns * turn)
+
+
+def _aim(position: np.ndarray, ahead: np.ndarray, step) -> np.ndarray:
+    """The last of the path points `ahead` (k, 2) that a straight way from `position` reaches along the path."""
+    best = ahead[min(len(ahead) - 1, round(step / _SAMPLE))]
+    offset = ahead - position
+    reach = np.linalg.norm(offset, axis=1)
+    for k in range(len(ahead) - 1, round(step / _SAMPLE), -1):
+        if reach[k] < 1e-9:
+            continue
+        off = np.abs(offset[: k + 1, 0] * offset[k, 1] - offset[: k + 1, 1] * offset[k, 0]) / reach[k]
+        if off.max() <= max(TOLERANCE, off[0]):
+            return ahead[k]
+    return best
+
+
+def _sampled(path: np.ndarray) -> np.ndarray:
+    """Points every `_SAMPLE` [m] along a polyline, both ends included."""
+    if len(path) == 0 or not np.isfinite(path).all():
+        raise ValueError("follow: the path must have at least one point, all of finite coordinates")
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    at = np.linspace(0.0, lengths[-1], max(2, math.ceil(lengths[-1] / _SAMPLE) + 1))
+    return np.stack([np.interp(at, lengths, path[:, k]) for k in range(2)], 1)
