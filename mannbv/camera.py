@@ -51,6 +51,11 @@ class Camera:
         return self.size[::-1]
 
     @property
+    def low_pass(self) -> float:
+        """[px²] added to every projected covariance."""
+        return LOW_PASS
+
+    @property
     def fov(self) -> float:
         """Horizontal field of view [rad]."""
         return 2 * math.atan(self.width / 2 / self.focal)
@@ -110,9 +115,11 @@ class Panorama:
     """Flatland's cylinder camera: every direction around a point in `width` equal columns.
 
     Column centres run from −π to π to the right of the pose's forward axis. Used to look at all yaws at once.
+    low_pass [columns²] is added to every projected covariance.
     """
 
     width: int
+    low_pass: float = LOW_PASS
 
     @property
     def size(self) -> tuple[int, ...]:

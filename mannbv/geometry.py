@@ -68,7 +68,7 @@ def yaw_pose(position, yaw) -> Pose:
         position = position.to(torch.get_default_dtype())
     if position.shape not in ((2,), (3,)) or not bool(torch.isfinite(position).all()):
         raise ValueError(f"yaw_pose: position must be 2 or 3 finite coordinates, got {position.tolist()}")
-    yaw = torch.as_tensor(yaw).to(position)
+    yaw = torch.as_tensor(yaw, dtype=position.dtype, device=position.device)
     cos, sin, zero = torch.cos(yaw), torch.sin(yaw), torch.zeros_like(yaw)
     if len(position) == 2:
         axes = [torch.stack([sin, -cos]), torch.stack([cos, sin])]

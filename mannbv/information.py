@@ -18,6 +18,7 @@ from mannbv import geometry, render, splats
 from mannbv.camera import Camera, Panorama
 from mannbv.config import Config
 from mannbv.geometry import Pose
+from mannbv.render import row
 from mannbv.splats import SplatMap
 
 _DEFAULT = Config()
@@ -94,9 +95,10 @@ def fisher(
     A splat moves a pixel only through the few image quantities q = (position, covariance, logit, depth), so one
     small Gram matrix M = Σ_pixels g gᵀ a splat gives diag(JᵀJ) = diag(Aᵀ M A), A = ∂q/∂ω.
     """
-    if method not in ("auto", "dense"):
-        raise ValueError(f"fisher: unknown method '{method}'; use auto or dense")
     joint = splat_map if others is None else splats.union(splat_map, others)
+    asked = *joint.tensors(), pose.rotation, pose.position
+    if render.tiled(method, joint, *(t for t in asked if torch.is_grad_enabled())):
+        return row.fisher(joint, splat_map.n_splats, camera, pose, sigma_color, sigma_depth)
     pose = pose.to(joint.means)
     drawn = render.compose(joint, camera, pose)
     counts = torch.nonzero(drawn.index < splat_map.n_splats)[:, 0]
@@ -201,7 +203,7 @@ class YawProfile:
         """The yaw of the largest gain [rad]."""
         return float(self.yaws[int(np.argmax(self.gains))])
 
-    def leading(self, count: int = 8, apart: float = math.radians(3)) -> np.ndarray:
+    def leading(self, count: int = 8, apart: float = math.radians(0.9)) -> np.ndarray:
         """Up to `count` yaws of the largest gains, no two nearer than `apart` [rad]; the largest first."""
         chosen: list[float] = []
         for yaw in self.yaws[np.argsort(-self.gains, kind="stable")]:
@@ -233,9 +235,11 @@ def yaw_profile(
 ) -> YawProfile:
     """Gain (15) of all yaws at `position` (d,) [m]; arguments as in `fisher` and `gain`.
 
-    method "views" takes one Fisher a yaw. "panorama" (flatland) makes one pass over all directions: the information
-    density over direction, correlated with the pinhole's pixels a radian; depth along the camera's axis is linear in
-    the axis, so three densities (xx, xy, yy) give the depth channel. "auto": panorama in flatland, views in 3-D.
+    method "views" takes one Fisher a yaw. "panorama" (flatland) looks once in all directions: the information density
+    over direction, correlated with the pinhole's pixels a radian; depth along the camera's axis is linear in the axis,
+    so three densities (xx, xy, yy) give the depth channel. A pinhole's pixels are narrower, in angle, towards the
+    image's edge, hence its low pass too: densities at three low passes are interpolated (with one alone, at the
+    average, gains of splats about as large as a pixel are 5-20 % off). "auto": panorama in flatland, views in 3-D.
     """
     worth = _precision(prior, weights, selected, damping)
     noise = {"sigma_color": sigma_color, "sigma_depth": sigma_depth}
@@ -257,16 +261,20 @@ def yaw_profile(
     if others is not None:
         worth = torch.cat([worth, torch.zeros(others.n_splats, worth.shape[1]).to(worth)])
         splat_map = splats.union(splat_map, others)
-    densities = _panorama(splat_map, camera, position, worth, sigma_color, sigma_depth)
+    densities = np.concatenate([
+        _panorama(splat_map, camera, position, worth, sigma_color, sigma_depth, narrowing)
+        for narrowing in _narrowings(camera.fov)
+    ])  # fmt: skip
+    columns = len(densities) // 3
 
     def evaluate(yaw: float) -> tuple[float, float]:
-        pixels, rates = _pixels(camera.focal, camera.fov, densities.shape[1], np.array([float(yaw)]))
+        pixels, rates = _pixels(camera.focal, camera.fov, columns, np.array([float(yaw)]))
         turn, turn_rate = _axis_terms(np.array([float(yaw)]))
-        seen = pixels @ densities.T
-        return float((seen * turn).sum()), float((rates @ densities.T * turn + seen * turn_rate).sum())
+        seen = pixels @ densities
+        return float((seen * turn).sum()), float((rates @ densities * turn + seen * turn_rate).sum())
 
-    weights_of_columns = _uniform_pixels(camera.focal, camera.fov, densities.shape[1], n_yaws)
-    return YawProfile(yaws, (weights_of_columns @ densities.T * _axis_terms(yaws)[0]).sum(1), evaluate)
+    seen = _uniform_pixels(camera.focal, camera.fov, columns, n_yaws) @ densities
+    return YawProfile(yaws, (seen * _axis_terms(yaws)[0]).sum(1), evaluate)
 
 
 def _axis_terms(yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -277,30 +285,51 @@ def _axis_terms(yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return terms, slopes
 
 
+def _narrowings(fov: float) -> np.ndarray:
+    """By how much a pinhole's low pass is narrower in angle [rad²] than at its axis, cos⁴θ: edge, middle, axis."""
+    return np.linspace(math.cos(fov / 2) ** 4, 1.0, 3)
+
+
 def _pixels(focal: float, fov: float, columns: int, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How many of a pinhole's pixels along `yaw` (k,) each panorama column holds, and the slope: (k, columns)."""
+    """How many of a pinhole's pixels along `yaw` (k,) fall to each column of each panorama, and the slope: (k, 3 W).
+
+    A pixel's share in the three panoramas is the quadratic interpolation at its own cos⁴θ.
+    """
     headings = -((np.arange(columns) + 0.5) * 2 * math.pi / columns - math.pi)  # the panorama turns right
     ahead = geometry.wrap(headings - yaw[:, None])
     left, right, edge = ahead + math.pi / columns, ahead - math.pi / columns, fov / 2
     pixels = focal * (np.tan(np.clip(left, -edge, edge)) - np.tan(np.clip(right, -edge, edge)))
-    rates = [focal * np.where(abs(side) < edge, np.cos(side) ** -2.0, 0.0) for side in (right, left)]
-    return pixels, rates[0] - rates[1]
+    outer, inner = (focal * np.where(abs(side) < edge, np.cos(side) ** -2.0, 0.0) for side in (left, right))
+    least = _narrowings(fov)[0]
+    inside = np.clip(ahead, -edge, edge)
+    t = (np.cos(inside) ** 4 - least) / (1 - least)
+    t_rate = np.where(abs(ahead) < edge, 4 * np.cos(inside) ** 3 * np.sin(inside) / (1 - least), 0.0)
+    shares = np.stack([(2 * t - 1) * (t - 1), 4 * t * (1 - t), t * (2 * t - 1)], 1)
+    share_rates = np.stack([4 * t - 3, 4 - 8 * t, 4 * t - 1], 1) * t_rate[:, None]
+    rates = (inner - outer)[:, None] * shares + pixels[:, None] * share_rates
+    return (pixels[:, None] * shares).reshape(len(yaw), -1), rates.reshape(len(yaw), -1)
 
 
-@functools.lru_cache(maxsize=8)
+@functools.lru_cache(maxsize=4)
 def _uniform_pixels(focal: float, fov: float, columns: int, n_yaws: int) -> np.ndarray:
     """`_pixels` of uniform yaws: the same for every position, so kept."""
     return _pixels(focal, fov, columns, uniform_yaws(n_yaws))[0]
 
 
 @torch.no_grad()
-def _panorama(splat_map: SplatMap, camera: Camera, position, worth: Tensor, sigma_color: float, sigma_depth: float):
-    """Gain per panorama column if a pixel lay there, (4, W): colour, and depth's xx, xy and yy in the camera's axis.
+def _panorama(
+    splat_map: SplatMap, camera: Camera, position, worth: Tensor, sigma_color: float, sigma_depth: float, narrowing
+) -> np.ndarray:
+    """Gain per panorama column if a pixel lay there, (W, 4): colour, and depth's xx, xy and yy in the camera's axis.
 
-    The panorama has 1.2 · 2π · focal columns, so that its low pass and the pinhole's agree on average.
+    The low pass is that of the pinhole's pixels whose share of a radian is √narrowing of the axial one's.
     """
-    columns = Panorama(math.ceil(1.2 * 2 * math.pi * camera.focal))
+    width = math.ceil(1.2 * 2 * math.pi * camera.focal)
+    scale = width / (2 * math.pi * camera.focal)  # columns for each pixel on the axis
+    columns = Panorama(width, float(camera.low_pass * narrowing * scale**2))
     view = geometry.yaw_pose(torch.as_tensor(position).to(splat_map.means), 0.0)
+    if render.tiled("auto", splat_map):
+        return row.densities(splat_map, columns, view, worth, sigma_color, sigma_depth)
     drawn = render.compose(splat_map, columns, view)
     counts = torch.nonzero((worth[drawn.index] > 0).any(1))[:, 0]
     relative = splat_map.means[drawn.index] - view.position
@@ -320,4 +349,4 @@ def _panorama(splat_map: SplatMap, camera: Camera, position, worth: Tensor, sigm
     cross = torch.einsum("avp,bvp->abp", lift, shift * drawn.weight / sigma_depth)
     depth = torch.einsum("avp,bvp,vp->abp", lift, lift, response) + cross + cross.transpose(0, 1)
     depth = depth + torch.diag_embed(square.T @ mean_worth / sigma_depth**2).permute(1, 2, 0)
-    return torch.stack([flat, depth[0, 0], depth[0, 1], depth[1, 1]]).double().numpy()
+    return torch.stack([flat, depth[0, 0], depth[0, 1], depth[1, 1]], 1).double().numpy()

@@ -7,7 +7,7 @@ BLOCK = 16  # splats a box
 
 
 def ordered(means):
-    """Rows (n,) such that runs of `BLOCK` lie close together: split in halves along the longest side, again and again."""
+    """Rows (n,) such that runs of `BLOCK` lie close together: halved along the longest side, again and again."""
     parts = [np.arange(len(means))]
     while any(len(part) > BLOCK for part in parts):
         halves = []

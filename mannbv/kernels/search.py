@@ -14,8 +14,8 @@ _DY = np.array([0, 0, 1, -1, 1, -1, 1, -1])
 def shortest(cost, sources, target, limit):
     """Cheapest ways from any source cell over an 8-connected grid.
 
-    cost (nx, ny): price per cell length, inf where blocked; a move costs the mean of its two cells times its length, and
-    a diagonal move needs both cells beside it open. sources (k, 2). target (2,): stop there, guided by the straight
+    cost (nx, ny): price per cell length, inf where blocked; a move costs the mean of its two cells times its length,
+    and a diagonal move needs both cells beside it open. sources (k, 2). target (2,): stop there, guided by the straight
     distance at the lowest price; (−1, −1) fills the grid. limit: leave ways dearer than this.
     Returns distance (nx, ny) in cells and parent (nx, ny), the flat index of the cell before, −1 at sources.
     """
@@ -73,8 +73,8 @@ def carve(seen_free, seen_hit, origin_x, origin_y, ends, hits):
     nx, ny = seen_free.shape
     for k in range(len(ends)):
         dx, dy = ends[k, 0] - origin_x, ends[k, 1] - origin_y
-        x, y = int(math.floor(origin_x)), int(math.floor(origin_y))
-        last_x, last_y = int(math.floor(ends[k, 0])), int(math.floor(ends[k, 1]))
+        x, y = math.floor(origin_x), math.floor(origin_y)
+        last_x, last_y = math.floor(ends[k, 0]), math.floor(ends[k, 1])
         step_x, step_y = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
         next_x = ((x + 1 if dx > 0 else x) - origin_x) / dx if dx != 0 else np.inf
         next_y = ((y + 1 if dy > 0 else y) - origin_y) / dy if dy != 0 else np.inf

@@ -41,8 +41,9 @@ def _fault(message, what: str):
     return ValueError(f"{type(message).__name__.lower()} message: {what}")
 
 
-def _scalar(message, name: str, value, dtype: np.dtype):
+def _scalar(message, name: str, value, wire: Layout):
     """One whole or real number of the wire's type."""
+    dtype = np.dtype(wire.dtype)
     number, kinds = np.asarray(value), "iu" if dtype.kind == "u" else "iuf"
     if number.ndim or number.dtype.kind not in kinds:
         raise _fault(message, f"{name} must be one {'whole number' if kinds == 'iu' else 'number'}")
@@ -70,7 +71,7 @@ def _array(message, name: str, value, wire: Layout):
     return torch.from_numpy(settled) if wire.tensor else settled
 
 
-def _plain(message, name: str, splats: SplatMap) -> SplatMap:
+def _plain(message, name: str, splats: SplatMap, wire: Layout) -> SplatMap:
     """A map on the CPU, in single precision, without gradients."""
     tensors = [t.detach().cpu().float() for t in splats.tensors()]
     if not all(bool(torch.isfinite(t).all()) for t in tensors):
@@ -88,13 +89,8 @@ class Message:
     def __post_init__(self):
         for name, wire in layout(self).items():
             value = getattr(self, name)
-            if isinstance(value, SplatMap):
-                value = _plain(self, name, value)
-            else:
-                value = (
-                    _array(self, name, value, wire) if wire.axes else _scalar(self, name, value, np.dtype(wire.dtype))
-                )
-            object.__setattr__(self, name, value)
+            settle = _plain if isinstance(value, SplatMap) else _array if wire.axes else _scalar
+            object.__setattr__(self, name, settle(self, name, value, wire))
         self._check()
 
     def _check(self):
@@ -154,7 +150,7 @@ class Splats(Message):
     splats: Any = field(metadata=_wire("<f4", 2, raw=True))  # a SplatMap
     ids: Any = field(metadata=_wire("<i4", 1, raw=True, tensor=True), default=None)  # (n,); None: 0 … n−1
     prior: Any = field(metadata=_wire("<f4", 2, raw=True, tensor=True), default=None)  # (n, p); None: p = 0
-    whole: int = field(metadata=_wire("|u1"), default=0)  # 1: all that the sender has, earlier ones are gone
+    whole: Any = field(metadata=_wire("|u1"), default=0)  # 1: all that the sender has, earlier ones are gone
 
     def __post_init__(self):
         if not isinstance(self.splats, SplatMap):

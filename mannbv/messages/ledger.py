@@ -139,7 +139,10 @@ class Post:
     def relay(self, way, message: Message, cycle=None) -> None:
         """Send a message along `way`, robots from the first sender to the receiver; those between only pass it on."""
         for sender, receiver in pairwise(way):
+            waiting = len(self._boxes.get(receiver, []))
             self.send(sender, receiver, message, cycle)
+            if len(self._boxes.get(receiver, [])) == waiting:
+                return  # lost on the way
             if receiver != way[-1]:
                 message = self._boxes[receiver].pop()[1]
 

@@ -1,5 +1,6 @@
 """From a splat map to an image, Eq. (1)."""
 
-from mannbv.render.dense import Composite, Rendering, compose, render
+from mannbv.render.dense import Composite, Rendering, compose
+from mannbv.render.dispatch import METHODS, render, tiled
 
-__all__ = ["Composite", "Rendering", "compose", "render"]
+__all__ = ["METHODS", "Composite", "Rendering", "compose", "render", "tiled"]

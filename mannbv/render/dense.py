@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from mannbv import geometry
-from mannbv.camera import LOW_PASS, NEAR, Camera, Panorama
+from mannbv.camera import NEAR, Camera, Panorama
 from mannbv.geometry import Pose
 from mannbv.splats import SplatMap
 
@@ -49,10 +49,10 @@ class Composite:
         return Composite(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
-def _image_covariance(splat_map: SplatMap, jacobian: Tensor, pose: Pose) -> Tensor:
+def _image_covariance(splat_map: SplatMap, camera: Camera | Panorama, jacobian: Tensor, pose: Pose) -> Tensor:
     """Σ_I = J Rᵀ Σ R Jᵀ + low pass [px²], (n, m, m)."""
     spread = jacobian @ pose.rotation.T @ geometry.rotation_matrices(splat_map.rotations) * splat_map.scales[:, None]
-    return spread @ spread.transpose(-1, -2) + LOW_PASS * torch.eye(jacobian.shape[1]).to(jacobian)
+    return spread @ spread.transpose(-1, -2) + camera.low_pass * torch.eye(jacobian.shape[1]).to(jacobian)
 
 
 @torch.no_grad()
@@ -62,7 +62,7 @@ def _front_to_back(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose) -
     index = torch.nonzero(camera.depth(local) > NEAR)[:, 0]
     if isinstance(camera, Camera) and len(index):
         center, jacobian = camera.project(local[index])
-        covariance = _image_covariance(splat_map.select(index), jacobian, pose)
+        covariance = _image_covariance(splat_map.select(index), camera, jacobian, pose)
         reach = _REACH * torch.diagonal(covariance, dim1=-2, dim2=-1).sqrt()
         half = torch.tensor(camera.size).to(center) / 2
         index = index[((center - half).abs() - half <= reach).all(1)]
@@ -70,19 +70,24 @@ def _front_to_back(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose) -
     return index[torch.argsort(distance, stable=True)]
 
 
-def compose(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose) -> Composite:
-    """Project the splats and composite them along every pixel's ray."""
+def check(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose) -> None:
+    """Raises ValueError if map, camera and pose disagree about the dimension."""
     if not splat_map.dim == pose.dim == len(camera.size) + 1:
         raise ValueError(
             f"render: a {splat_map.dim}-D map, a {pose.dim}-D pose and a {len(camera.size)}-axis image do not fit; "
             "flatland cameras have height None"
         )
+
+
+def compose(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose) -> Composite:
+    """Project the splats and composite them along every pixel's ray."""
+    check(splat_map, camera, pose)
     pose = pose.to(splat_map.means)
     index = _front_to_back(splat_map, camera, pose)
     seen = splat_map.select(index)
     local = pose.local(seen.means)
     center, jacobian = camera.project(local)
-    inverse = geometry.small_inverse(_image_covariance(seen, jacobian, pose))
+    inverse = geometry.small_inverse(_image_covariance(seen, camera, jacobian, pose))
     offset = camera.offsets(camera.pixels(local), center)
     pull = torch.einsum("vij,vpj->vpi", inverse, offset)
     raw = seen.opacities[:, None] * torch.exp(-0.5 * (pull * offset).sum(-1))
@@ -92,14 +97,8 @@ def compose(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose) -> Compo
     return Composite(index, local, jacobian, pull, blend, transmittance, blend * transmittance, raw <= MAX_BLEND)
 
 
-def render(splat_map: SplatMap, camera: Camera, pose: Pose, method: str = "auto") -> Rendering:
-    """Draw a map: C_p = Σ c_i ρ_i Π_{j<i} (1 − ρ_j), Eq. (1), and likewise depth [m] and opacity.
-
-    method: "dense" (this reference) or "auto" (the fastest that applies; today the same).
-    Raises ValueError if map, camera and pose disagree about the dimension.
-    """
-    if method not in ("auto", "dense"):
-        raise ValueError(f"render: unknown method '{method}'; use auto or dense")
+def render(splat_map: SplatMap, camera: Camera, pose: Pose) -> Rendering:
+    """Eq. (1) by the dense reference."""
     drawn = compose(splat_map, camera, pose)
     shape = camera.shape
     color = drawn.weight.T @ splat_map.colors[drawn.index]

@@ -11,8 +11,8 @@ _TOUCH = 1e-7  # [m] things nearer than this touch
 def outline(polygons) -> tuple[np.ndarray, np.ndarray]:
     """Edges (e, 4) of polygons, each (k, 2), one after the other, and the polygon (e,) each belongs to."""
     edges = [np.concatenate([corners, np.roll(corners, -1, 0)], 1) for corners in polygons]
-    owner = np.repeat(np.arange(len(edges)), [len(e) for e in edges])
-    return np.concatenate(edges) if edges else np.zeros((0, 4)), owner
+    owner = np.repeat(np.arange(len(edges)), np.array([len(e) for e in edges], int))
+    return np.concatenate([np.zeros((0, 4)), *edges]), owner
 
 
 def cuts(edge: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -38,6 +38,8 @@ def visible(polygons, rooms: bodies.Polygons) -> tuple[np.ndarray, np.ndarray, n
     of its beginning from that of the whole edge. Where outlines coincide the first polygon's counts.
     """
     edges, owner = outline(polygons)
+    if len(edges) == 0:
+        return np.zeros((0, 4)), owner, owner, np.zeros(0)
     everything = np.concatenate([edges, outline(rooms.corners)[0]])
     shares = [cuts(edge, everything) for edge in edges]
     which = np.repeat(np.arange(len(edges)), [len(s) - 1 for s in shares])

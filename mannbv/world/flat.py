@@ -209,7 +209,7 @@ def _frame(color: np.ndarray, depth: np.ndarray, pose: geometry.Pose) -> camera.
 
 
 def _plane(points) -> np.ndarray:
-    return np.asarray(points, float).reshape(len(points), -1)[:, :2]
+    return np.asarray(points, float)[:, :2]
 
 
 def _text(point) -> str:

@@ -58,7 +58,7 @@ def follow(position, yaw, path, step=STEP, turn=TURN) -> Iterator[tuple[np.ndarr
     Each step aims at the furthest point ahead that a straight line reaches without leaving the path by more than
     `TOLERANCE`; it ends within a step of the path's end. Raises ValueError for a path without points.
     """
-    points = _sampled(np.asarray(path, float).reshape(len(path), -1)[:, :2])
+    points = _sampled(np.asarray(path, float))
     position, first, turns, here = np.asarray(position, float)[:2], float(yaw), 0, 0
     window = round(LOOKAHEAD / _SAMPLE)
     most = 2 * math.ceil((len(points) * _SAMPLE + math.dist(position, points[0])) / step) + 10
@@ -82,21 +82,21 @@ def follow(position, yaw, path, step=STEP, turn=TURN) -> Iterator[tuple[np.ndarr
 
 def _aim(position: np.ndarray, ahead: np.ndarray, step) -> np.ndarray:
     """The last of the path points `ahead` (k, 2) that a straight way from `position` reaches along the path."""
-    best = ahead[min(len(ahead) - 1, round(step / _SAMPLE))]
-    offset = ahead - position
+    offset, near = ahead - position, min(len(ahead) - 1, round(step / _SAMPLE))
     reach = np.linalg.norm(offset, axis=1)
-    for k in range(len(ahead) - 1, round(step / _SAMPLE), -1):
-        if reach[k] < 1e-9:
-            continue
-        off = np.abs(offset[: k + 1, 0] * offset[k, 1] - offset[: k + 1, 1] * offset[k, 0]) / reach[k]
-        if off.max() <= max(TOLERANCE, off[0]):
-            return ahead[k]
-    return best
+    for k in range(len(ahead) - 1, near, -1):
+        if reach[k] > 1e-9:
+            line = offset[k] / reach[k]
+            along = np.clip(offset[: k + 1] @ line, 0.0, reach[k])
+            off = np.linalg.norm(offset[: k + 1] - along[:, None] * line, axis=1)
+            if off.max() <= max(TOLERANCE, off[0]):
+                return ahead[k]
+    return ahead[near]
 
 
 def _sampled(path: np.ndarray) -> np.ndarray:
     """Points every `_SAMPLE` [m] along a polyline, both ends included."""
-    if len(path) == 0 or not np.isfinite(path).all():
+    if path.ndim != 2 or len(path) == 0 or not np.isfinite(path).all():
         raise ValueError("follow: the path must have at least one point, all of finite coordinates")
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     at = np.linspace(0.0, lengths[-1], max(2, math.ceil(lengths[-1] / _SAMPLE) + 1))

@@ -119,8 +119,8 @@ def _plan(top: Entry) -> Plan:
         for e in top.children("rooms")
     )
     doors, windows = top.children("doors", []), top.children("windows", [])
-    entries, walls, used = top.children("walls"), [], set()
-    for k, entry in enumerate(entries):
+    walls, used = [], set()
+    for k, entry in enumerate(top.children("walls")):
         walls += _wall(entry, f"wall {k}", height, doors, windows, used)
     for window in windows:
         window.number("sill", least=0)  # what tells a window from a door

@@ -25,6 +25,7 @@ from mannbv.world import bodies, places
 from mannbv.world.flat import TEXTURES, SceneError, World
 
 MODES = ("trinary", "scale", "raw")
+THRESHOLDS = {"occupied_thresh": 0.65, "free_thresh": 0.196}  # where a file gives none
 MOST_PIXELS = 30_000_000
 TEXTURE = (float(TEXTURES["noise"]), 0.7, 0.5, 0.0)  # of every wall: kind, period [m], contrast, phase [m]
 _HUES = 3.0  # [m] over such a distance the walls' base colour changes
@@ -78,21 +79,17 @@ def read(path) -> tuple[np.ndarray, float, np.ndarray]:
     if resolution <= 0:
         raise SceneError(f"{path}: resolution must be positive [m], got {resolution:g}")
     origin = np.append(_numbers(path, values, "origin", (2, 3)), 0.0)[:3]
-    occupied, free = (_numbers(path, values, key, (1,), d)[0] for key, d in _THRESHOLDS)
+    occupied, free = (_numbers(path, values, key, (1,), default)[0] for key, default in THRESHOLDS.items())
     if not 0 <= free <= occupied <= 1:
         raise SceneError(f"{path}: needs 0 ≤ free_thresh ≤ occupied_thresh ≤ 1, got {free:g} and {occupied:g}")
-    negate = _numbers(path, values, "negate", (1,), 0)[0] != 0
+    negate = bool(_numbers(path, values, "negate", (1,), 0)[0])
     mode = str(values.get("mode", "trinary")).lower()
     if mode not in MODES:
         raise SceneError(f"{path}: mode must be one of {', '.join(MODES)}, got {mode}")
     value, opaque = _pixels(path, path.parent / values["image"])
-    chance = _chance(value, mode, negate, occupied, free)
-    state = np.where(chance < 0.5, grid.FREE, np.where(np.isnan(chance) | ~opaque, grid.UNKNOWN, grid.OCCUPIED))
-    state[~opaque] = grid.UNKNOWN
+    chance = np.where(opaque, _chance(value, mode, negate, occupied, free), np.nan)
+    state = np.where(np.isnan(chance), grid.UNKNOWN, np.where(chance < 0.5, grid.FREE, grid.OCCUPIED))
     return np.ascontiguousarray(state[::-1].T), float(resolution), origin
-
-
-_THRESHOLDS = (("occupied_thresh", 0.65), ("free_thresh", 0.196))
 
 
 def _chance(value: np.ndarray, mode: str, negate: bool, occupied: float, free: float) -> np.ndarray:

@@ -1,0 +1,245 @@
+"""Flatland's one-row images: project, composite, differentiate, and the information of a view or of all yaws.
+
+A splat moves a pixel only through its centre u [px], its variance var [px²] and its opacity logit, so `chain` keeps
+∂u/∂mean (2) and ∂var/∂(mean, log-scales, rotation) (5) in the world frame, and every sum over pixels is one over
+powers of δ = pixel − u. Splats come front to back. All arithmetic is in float64.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+MAX_BLEND = 0.99
+
+
+@njit(cache=True, nogil=True)
+def project(means, log_scales, rotations, rotation, position, focal, width, limit, near, low_pass, panorama):
+    """The splats before the camera, front to back.
+
+    rotation: (2, 2), columns right and forward. limit: largest slope of the Jacobian's ray. Returns index (v,), u,
+    var, depth (v,) and chain (v, 7).
+    """
+    n = len(means)
+    index, far = np.empty(n, np.int64), np.empty(n)
+    u, var, depth, chain = np.empty(n), np.empty(n), np.empty(n), np.empty((n, 7))
+    v = 0
+    for s in range(n):
+        ax, ay = means[s, 0] - position[0], means[s, 1] - position[1]
+        x = ax * rotation[0, 0] + ay * rotation[1, 0]
+        z = ax * rotation[0, 1] + ay * rotation[1, 1]
+        square = x * x + z * z
+        if panorama:
+            if square <= near * near:
+                continue
+            jx, jz = focal * z / square, -focal * x / square
+            ux, uz = jx, jz
+            cross = -2.0 * focal * x * z / (square * square)
+            along = focal * (x * x - z * z) / (square * square)
+            jxx, jxz, jzx, jzz = cross, along, along, -cross
+            u[v] = focal * math.atan2(x, z) + 0.5 * width
+        else:
+            if z <= near:
+                continue
+            ray = x / z
+            inside = 1.0 if abs(ray) < limit else 0.0
+            held = min(max(ray, -limit), limit)
+            jx, jz = focal / z, -focal * held / z
+            ux, uz = focal / z, -focal * ray / z
+            jxx, jxz = 0.0, -focal / (z * z)
+            jzx, jzz = -inside * focal / (z * z), focal * held / (z * z) + inside * focal * ray / (z * z)
+            u[v] = focal * ray + 0.5 * width
+        length = math.hypot(rotations[s, 0], rotations[s, 1])
+        cos, sin = rotations[s, 0] / length, rotations[s, 1] / length
+        bx = jx * rotation[0, 0] + jz * rotation[0, 1]
+        by = jx * rotation[1, 0] + jz * rotation[1, 1]
+        first, second = bx * cos + by * sin, by * cos - bx * sin  # the image's slope along the splat's axes
+        wide, thin = math.exp(2.0 * log_scales[s, 0]), math.exp(2.0 * log_scales[s, 1])
+        var[v] = wide * first * first + thin * second * second + low_pass
+        qx = wide * first * cos - thin * second * sin  # Σ b, b the slope in the world
+        qy = wide * first * sin + thin * second * cos
+        hx = qx * rotation[0, 0] + qy * rotation[1, 0]
+        hz = qx * rotation[0, 1] + qy * rotation[1, 1]
+        vx, vz = 2.0 * (hx * jxx + hz * jzx), 2.0 * (hx * jxz + hz * jzz)
+        for a in range(2):
+            chain[v, a] = ux * rotation[a, 0] + uz * rotation[a, 1]
+            chain[v, 2 + a] = vx * rotation[a, 0] + vz * rotation[a, 1]
+        chain[v, 4], chain[v, 5] = 2.0 * wide * first * first, 2.0 * thin * second * second
+        chain[v, 6] = 2.0 * (wide - thin) * first * second
+        index[v], far[v], depth[v] = s, square, z
+        v += 1
+    order = np.argsort(far[:v], kind="mergesort")
+    return index[:v][order], u[:v][order], var[:v][order], depth[:v][order], chain[:v][order]
+
+
+@njit(cache=True, nogil=True)
+def _span(u, var, opacity, width, cutoff, panorama):
+    """First and last column whose blend reaches the cutoff; beyond the image where the panorama wraps."""
+    if cutoff <= 0.0:
+        return 0, width - 1
+    if opacity <= cutoff:
+        return 0, -1
+    reach = math.sqrt(2.0 * var * math.log(opacity / cutoff))
+    first, last = math.ceil(u - reach - 0.5), math.floor(u + reach - 0.5)
+    if panorama:
+        return first, min(last, first + width - 1)
+    return max(first, 0), min(last, width - 1)
+
+
+@njit(cache=True, nogil=True)
+def _blend(column, u, var, opacity, width, panorama):
+    """(δ, ρ uncapped) at a column's centre."""
+    delta = column + 0.5 - u
+    if panorama:
+        delta -= width * math.floor(delta / width + 0.5)
+    return delta, opacity * math.exp(-0.5 * delta * delta / var)
+
+
+@njit(cache=True, nogil=True)
+def composite(u, var, opacity, values, width, cutoff, floor, panorama):
+    """Eq. (1): Σ value · ρ Π(1 − ρ) for values (v, c) → (c + 1, width); the last row is the opacity.
+
+    cutoff: blends below it are dropped. floor: a pixel with less transmittance is full.
+    """
+    channels = values.shape[1]
+    image, through = np.zeros((channels + 1, width)), np.ones(width)
+    for s in range(len(u)):
+        first, last = _span(u[s], var[s], opacity[s], width, cutoff, panorama)
+        for column in range(first, last + 1):
+            p = column % width
+            if through[p] < floor:
+                continue
+            _, raw = _blend(column, u[s], var[s], opacity[s], width, panorama)
+            rho = min(raw, MAX_BLEND)
+            weight = rho * through[p]
+            for c in range(channels):
+                image[c, p] += weight * values[s, c]
+            image[channels, p] += weight
+            through[p] -= weight
+    return image
+
+
+@njit(cache=True, nogil=True)
+def backward(u, var, opacity, values, image, slopes, width, cutoff, floor):
+    """Gradient of Σ slopes · image, slopes (c + 1, width): by u, var, logit (v, 3) and by values (v, c)."""
+    channels = values.shape[1]
+    q, by_value = np.zeros((len(u), 3)), np.zeros((len(u), channels))
+    through, before = np.ones(width), np.zeros(width)
+    total = (slopes * image).sum(0)
+    for s in range(len(u)):
+        first, last = _span(u[s], var[s], opacity[s], width, cutoff, False)
+        zero, one, two = 0.0, 0.0, 0.0
+        for p in range(first, last + 1):
+            if through[p] < floor:
+                continue
+            delta, raw = _blend(p, u[s], var[s], opacity[s], width, False)
+            rho = min(raw, MAX_BLEND)
+            weight = rho * through[p]
+            shown = slopes[channels, p]
+            for c in range(channels):
+                shown += slopes[c, p] * values[s, c]
+                by_value[s, c] += slopes[c, p] * weight
+            before[p] += weight * shown
+            if raw <= MAX_BLEND:
+                push = rho * (through[p] * shown - (total[p] - before[p]) / (1.0 - rho))
+                zero += push
+                one += push * delta
+                two += push * delta * delta
+            through[p] -= weight
+        q[s, 0], q[s, 1], q[s, 2] = one / var[s], 0.5 * two / var[s] ** 2, zero * (1.0 - opacity[s])
+    return q, by_value
+
+
+@njit(cache=True, nogil=True)
+def fisher(u, var, opacity, depth, chain, colors, forward, counts, width, sigma_color, sigma_depth, cutoff, floor):
+    """diag(JᵀJ) (v, 9) of the splats that count (v,): mean, log-scales, rotation, logit, colour."""
+    values = np.concatenate((colors / sigma_color, depth.reshape(-1, 1) / sigma_depth), 1)
+    image = composite(u, var, opacity, values, width, cutoff, floor, False)
+    rows = np.zeros((len(u), 9))
+    through, before = np.ones(width), np.zeros((4, width))
+    for s in range(len(u)):
+        first, last = _span(u[s], var[s], opacity[s], width, cutoff, False)
+        e0, e1, e2, e3, e4, f1, f2, seen = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for p in range(first, last + 1):
+            if through[p] < floor:
+                continue
+            delta, raw = _blend(p, u[s], var[s], opacity[s], width, False)
+            rho = min(raw, MAX_BLEND)
+            weight = rho * through[p]
+            energy, lift = 0.0, 0.0
+            for c in range(4):
+                before[c, p] += weight * values[s, c]
+                lift = through[p] * values[s, c] - (image[c, p] - before[c, p]) / (1.0 - rho)
+                energy += lift * lift
+            if raw <= MAX_BLEND and counts[s]:
+                energy *= rho * rho
+                cross = rho * lift * weight
+                e0 += energy
+                e1 += energy * delta
+                e2 += energy * delta**2
+                e3 += energy * delta**3
+                e4 += energy * delta**4
+                f1 += cross * delta
+                f2 += cross * delta**2
+            seen += weight * weight
+            through[p] -= weight
+        uu, uv, vv = e2 / var[s] ** 2, 0.5 * e3 / var[s] ** 3, 0.25 * e4 / var[s] ** 4
+        for a in range(2):
+            du, dv = chain[s, a], chain[s, 2 + a]
+            rows[s, a] = du * du * uu + 2.0 * du * dv * uv + dv * dv * vv
+            rows[s, a] += 2.0 * forward[a] / sigma_depth * (du * f1 / var[s] + 0.5 * dv * f2 / var[s] ** 2)
+            rows[s, a] += forward[a] ** 2 * seen / sigma_depth**2
+        for a in range(3):
+            rows[s, 2 + a] = chain[s, 4 + a] ** 2 * vv
+        rows[s, 5] = (1.0 - opacity[s]) ** 2 * e0
+        for c in range(3):
+            rows[s, 6 + c] = seen / sigma_color**2
+    return rows
+
+
+@njit(cache=True, nogil=True)
+def densities(u, var, opacity, relative, chain, colors, worth, width, sigma_color, sigma_depth, cutoff, floor):
+    """Gain a column (4, width) of a panorama: colour, and depth's xx, xy, yy in the camera's axis.
+
+    relative (v, 2): means less the camera's position, in the world frame. worth (v, 9): v / (H + λ), 0 for occluders.
+    """
+    values = np.concatenate((colors / sigma_color, relative / sigma_depth), 1)
+    image = composite(u, var, opacity, values, width, cutoff, floor, True)
+    gain = np.zeros((4, width))
+    through, before = np.ones(width), np.zeros((5, width))
+    lift = np.empty(5)
+    for s in range(len(u)):
+        uu, uv, vv, color_worth = 0.0, 0.0, 0.0, worth[s, 6] + worth[s, 7] + worth[s, 8]
+        for a in range(2):
+            uu += worth[s, a] * chain[s, a] ** 2
+            uv += worth[s, a] * chain[s, a] * chain[s, 2 + a]
+        for a in range(5):
+            vv += worth[s, a] * chain[s, 2 + a] ** 2
+        counts = color_worth > 0.0
+        first, last = _span(u[s], var[s], opacity[s], width, cutoff, True)
+        for column in range(first, last + 1):
+            p = column % width
+            if through[p] < floor:
+                continue
+            delta, raw = _blend(column, u[s], var[s], opacity[s], width, True)
+            rho = min(raw, MAX_BLEND)
+            weight = rho * through[p]
+            for c in range(5):
+                before[c, p] += weight * values[s, c]
+                lift[c] = through[p] * values[s, c] - (image[c, p] - before[c, p]) / (1.0 - rho)
+            if counts:
+                active = rho if raw <= MAX_BLEND else 0.0
+                by_u, by_var = active * delta / var[s], 0.5 * active * (delta / var[s]) ** 2
+                response = by_u * by_u * uu + 2.0 * by_u * by_var * uv + by_var * by_var * vv
+                response += (active * (1.0 - opacity[s])) ** 2 * worth[s, 5]
+                square = weight * weight
+                gain[0, p] += (lift[0] ** 2 + lift[1] ** 2 + lift[2] ** 2) * response
+                gain[0, p] += square * color_worth / sigma_color**2
+                sx = worth[s, 0] * (by_u * chain[s, 0] + by_var * chain[s, 2]) * weight / sigma_depth
+                sy = worth[s, 1] * (by_u * chain[s, 1] + by_var * chain[s, 3]) * weight / sigma_depth
+                direct = square / sigma_depth**2
+                gain[1, p] += lift[3] ** 2 * response + 2.0 * lift[3] * sx + direct * worth[s, 0]
+                gain[2, p] += lift[3] * lift[4] * response + lift[3] * sy + lift[4] * sx
+                gain[3, p] += lift[4] ** 2 * response + 2.0 * lift[4] * sy + direct * worth[s, 1]
+            through[p] -= weight
+    return gain

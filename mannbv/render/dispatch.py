@@ -1,0 +1,38 @@
+"""Which renderer draws: the fast kernel where it applies, the dense reference elsewhere."""
+
+from torch import Tensor
+
+from mannbv.camera import Camera
+from mannbv.geometry import Pose
+from mannbv.render import dense, row
+from mannbv.render.dense import Rendering
+from mannbv.splats import SplatMap
+
+METHODS = ("auto", "dense", "tiled")
+
+
+def tiled(method: str, splat_map: SplatMap, *others: Tensor) -> bool:
+    """Whether `method` means the kernel here: flatland, float32, on the CPU, no gradient asked of `others`.
+
+    Raises ValueError for an unknown method, and for "tiled" where the kernel does not apply.
+    """
+    if method not in METHODS:
+        raise ValueError(f"render: unknown method '{method}'; use {', '.join(METHODS)}")
+    fits = row.serves(splat_map, *others)
+    if method == "tiled" and not fits:
+        raise ValueError("render: the kernel serves flatland maps in float32 on the CPU, without gradients in the pose")
+    return fits and method != "dense"
+
+
+def render(splat_map: SplatMap, camera: Camera, pose: Pose, method: str = "auto") -> Rendering:
+    """Draw a map: C_p = Σ c_i ρ_i Π_{j<i} (1 − ρ_j), Eq. (1), and likewise depth [m] and opacity.
+
+    Differentiable in the map. method: "dense", the reference, which is also differentiable in the pose and twice;
+    "tiled", the kernel, which drops blends under 1/255 and ends a pixel at transmittance 1e-4; "auto", the kernel
+    where it applies. Raises ValueError if map, camera and pose disagree about the dimension.
+    """
+    dense.check(splat_map, camera, pose)
+    if not tiled(method, splat_map, pose.rotation, pose.position):
+        return dense.render(splat_map, camera, pose)
+    image = row.render(splat_map, camera, pose)
+    return Rendering(image[:3].T, image[3], image[4])

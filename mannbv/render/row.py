@@ -1,0 +1,118 @@
+"""Flatland's fast renderer: the numba kernel of a one-row image behind torch, with gradients for every splat parameter.
+
+The dense reference is its twin; blends under 1/255 are dropped and a pixel ends at transmittance 1e-4.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from mannbv.camera import EDGE, NEAR, Camera, Panorama
+from mannbv.geometry import Pose
+from mannbv.kernels import row
+from mannbv.splats import SplatMap
+
+CUTOFF, FLOOR = 1 / 255, 1e-4
+
+
+@dataclass(frozen=True)
+class Row:
+    """The splats before a one-row camera, front to back: rows of the map, image quantities, chain (see the kernel)."""
+
+    index: np.ndarray
+    u: np.ndarray
+    var: np.ndarray
+    depth: np.ndarray
+    chain: np.ndarray
+    opacity: np.ndarray
+    forward: np.ndarray
+
+    def shape(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.u, self.var, self.opacity
+
+
+def serves(splat_map: SplatMap, *others: Tensor) -> bool:
+    """Whether the kernel applies: flatland, float32, on the CPU, and no gradient asked of the other tensors."""
+    means = splat_map.means
+    plain = means.dtype == torch.float32 and means.device.type == "cpu"
+    return splat_map.dim == 2 and plain and not any(t.requires_grad for t in others)
+
+
+def project(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose) -> Row:
+    """Project a flatland map for the kernel."""
+    parts = [t.detach().double().numpy() for t in splat_map.tensors()]
+    rotation, position = pose.rotation.detach().double().numpy(), pose.position.detach().double().numpy()
+    limit = EDGE * camera.width / 2 / camera.focal
+    index, *image = row.project(
+        *parts[:3], rotation, position, camera.focal, camera.width, limit, NEAR, camera.low_pass,
+        isinstance(camera, Panorama),
+    )  # fmt: skip
+    opacity = 1 / (1 + np.exp(-parts[3][index]))
+    return Row(index, *image, opacity, rotation[:, 1])
+
+
+class _Render(torch.autograd.Function):
+    """colour and depth (4, W) and opacity (W,) in one array (5, W)."""
+
+    @staticmethod
+    def forward(ctx, means, log_scales, rotations, logits, colors, camera, pose, cutoff, floor):
+        seen = project(SplatMap(means, log_scales, rotations, logits, colors), camera, pose)
+        values = np.concatenate([colors.detach().double().numpy()[seen.index], seen.depth[:, None]], 1)
+        image = row.composite(*seen.shape(), values, camera.width, cutoff, floor, False)
+        ctx.save_for_backward(means, log_scales, rotations, logits, colors)
+        ctx.kept = seen, values, image, camera.width, cutoff, floor
+        return torch.from_numpy(image).to(means)
+
+    @staticmethod
+    def backward(ctx, slopes):
+        seen, values, image, width, cutoff, floor = ctx.kept
+        means, log_scales, rotations, logits, colors = ctx.saved_tensors
+        q, by_value = row.backward(*seen.shape(), values, image, slopes.double().numpy(), width, cutoff, floor)
+        chain, by_var = seen.chain, q[:, 1:2]
+        by_mean = q[:, :1] * chain[:, :2] + by_var * chain[:, 2:4] + by_value[:, 3:] * seen.forward
+        unit = torch.nn.functional.normalize(rotations.detach().double(), dim=1).numpy()[seen.index]
+        length = torch.linalg.norm(rotations.detach().double(), dim=1).numpy()[seen.index]
+        across = np.stack([-unit[:, 1], unit[:, 0]], 1) / length[:, None]
+        parts = [by_mean, by_var * chain[:, 4:6], by_var * chain[:, 6:] * across, q[:, 2], by_value[:, :3]]
+        grads = []
+        for like, part in zip((means, log_scales, rotations, logits, colors), parts, strict=True):
+            grad = np.zeros(like.shape)
+            grad[seen.index] = part
+            grads.append(torch.from_numpy(grad).to(like))
+        return (*grads, None, None, None, None)
+
+
+def render(splat_map: SplatMap, camera: Camera, pose: Pose, cutoff: float = CUTOFF, floor: float = FLOOR) -> Tensor:
+    """colour, depth and opacity as (5, W)."""
+    return _Render.apply(*splat_map.tensors(), camera, pose, cutoff, floor)
+
+
+def fisher(
+    joint: SplatMap, n_own: int, camera: Camera, pose: Pose, sigma_color, sigma_depth, cutoff=CUTOFF, floor=FLOOR
+) -> Tensor:
+    """diag(JᵀJ) (n_own, 9) of the first `n_own` splats; the others only occlude."""
+    seen = project(joint, camera, pose)
+    colors = joint.colors.detach().double().numpy()[seen.index]
+    own = seen.index < n_own
+    rows = row.fisher(
+        *seen.shape(), seen.depth, seen.chain, colors, seen.forward, own, camera.width, float(sigma_color),
+        float(sigma_depth), cutoff, floor,
+    )  # fmt: skip
+    total = np.zeros((n_own, 9))
+    total[seen.index[own]] = rows[own]
+    return torch.from_numpy(total).to(joint.means)
+
+
+def densities(
+    joint: SplatMap, panorama: Panorama, pose: Pose, worth: Tensor, sigma_color, sigma_depth, cutoff=CUTOFF, floor=FLOOR
+) -> np.ndarray:
+    """Gain a panorama column (W, 4), float64; worth (n, 9): v / (H + λ), 0 for splats that only occlude."""
+    seen = project(joint, panorama, pose)
+    colors = joint.colors.detach().double().numpy()[seen.index]
+    relative = joint.means.detach().double().numpy()[seen.index] - pose.position.double().numpy()
+    return row.densities(
+        *seen.shape(), relative, seen.chain, colors, worth.detach().double().numpy()[seen.index], panorama.width,
+        float(sigma_color), float(sigma_depth), cutoff, floor,
+    ).T  # fmt: skip

@@ -1,0 +1,182 @@
+"""The house keeps its floors: who imports whom, where the dimension may be asked for, docstrings, module sizes."""
+
+import ast
+import importlib
+import inspect
+import pkgutil
+from pathlib import Path
+
+import pytest
+
+import mannbv
+
+ROOT = Path(mannbv.__file__).parent
+
+FLOORS = {
+    **dict.fromkeys(["geometry", "grid", "network", "config"], 0),
+    **dict.fromkeys(["splats", "camera", "consensus"], 1),
+    **dict.fromkeys(["render", "risk", "world"], 2),
+    **dict.fromkeys(["mapping", "information", "mask"], 3),
+    **dict.fromkeys(["planner", "objective", "messages"], 4),
+    "metrics": 5,
+    "team": 6,
+    "episode": 7,
+    "study": 8,
+    **dict.fromkeys(["draw", "check"], 9),
+    "widgets": 10,
+    "__main__": 11,
+}
+BASEMENT = "kernels"  # numba loops: every room may use them, they use no room
+
+# where a room above the ground floors may ask for the dimension, and why
+MAY_ASK = {
+    ("information", "yaw_profile"): "panoramas serve flatland only",
+}
+GROUND = {name for name, floor in FLOORS.items() if floor <= 1} | {BASEMENT}
+
+SOURCES = sorted(ROOT.rglob("*.py"))
+
+
+def name_of(path: Path) -> tuple[str, ...]:
+    """Module below the package: ("render", "dense")."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return parts[:-1] if parts[-1] == "__init__" else parts
+
+
+def imported(source: str, module: tuple[str, ...], is_package: bool = False) -> set[str]:
+    """Rooms that a module imports, whatever way it writes it."""
+    rooms = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            full = [tuple(alias.name.split(".")) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = tuple(node.module.split(".")) if node.module else ()
+            if node.level:
+                package = ("mannbv", *module) if is_package else ("mannbv", *module[:-1])
+                base = package[: len(package) - node.level + 1] + base
+            full = [(*base, alias.name) for alias in node.names]
+        else:
+            continue
+        rooms |= {name[1] for name in full if name[0] == "mannbv" and len(name) > 1 and name[1] != "__version__"}
+    return rooms
+
+
+def trespasses(source: str, module: tuple[str, ...], is_package: bool = False) -> list[str]:
+    """Imports that break the rule of floors; [] for a good module."""
+    room = module[0]
+    wrong = []
+    for other in sorted(imported(source, module, is_package) - {room}):
+        if other == BASEMENT:
+            continue
+        if room == BASEMENT or other not in FLOORS or FLOORS[other] >= FLOORS[room]:
+            wrong.append(f"{'.'.join(module)} must not import {other}")
+    return wrong
+
+
+def dimension_questions(source: str, module: tuple[str, ...]) -> list[str]:
+    """Functions above the ground floors that branch on the dimension without leave."""
+    if module[0] in GROUND:
+        return []
+    asked = []
+
+    def asks(test: ast.AST) -> bool:
+        for node in ast.walk(test):
+            if isinstance(node, ast.Compare):
+                sides = [node.left, *node.comparators]
+                named = any(
+                    getattr(s, "attr", getattr(s, "id", None)) in ("dim", "ndim_world", "n_dims") for s in sides
+                )
+                fixed = any(isinstance(s, ast.Constant) and s.value in (2, 3) for s in sides)
+                if named and fixed:
+                    return True
+        return False
+
+    def visit(node: ast.AST, function: str) -> None:
+        if isinstance(node, ast.FunctionDef):
+            function = function or node.name
+        if (
+            isinstance(node, (ast.If, ast.IfExp, ast.While))
+            and asks(node.test)
+            and (module[0], function) not in MAY_ASK
+        ):
+            asked.append(f"{'.'.join(module)}.{function} asks for the dimension in line {node.lineno}")
+        if isinstance(node, ast.Match) and getattr(node.subject, "attr", getattr(node.subject, "id", "")) == "dim":
+            asked.append(f"{'.'.join(module)}.{function} asks for the dimension in line {node.lineno}")
+        for child in ast.iter_child_nodes(node):
+            visit(child, function)
+
+    visit(ast.parse(source), "")
+    return asked
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_a_room_keeps_to_its_floor_and_size(path):
+    module, source = name_of(path), path.read_text(encoding="utf-8")
+    assert len(source.splitlines()) <= 350, "split it into a folder of the same name"
+    if not module:  # mannbv/__init__.py
+        assert imported(source, ("mannbv",), True) == set()
+        return
+    assert module[0] in FLOORS or module[0] == BASEMENT, "give the new room a floor, here and in the design"
+    assert trespasses(source, module, path.name == "__init__.py") == []
+    assert dimension_questions(source, module) == []
+
+
+@pytest.mark.parametrize(
+    ("source", "module"),
+    [
+        ("from mannbv import team", ("risk",)),
+        ("import mannbv.information as i", ("mask",)),  # its own floor
+        ("from mannbv.world import plan", ("render", "dense")),
+        ("def f():\n    from mannbv.objective import team", ("grid",)),  # hidden in a function
+        ("from ..metrics import psnr", ("consensus", "solvers")),  # relative
+        ("from .. import planner", ("world", "flat")),
+        ("from mannbv import geometry", ("kernels", "rays")),  # the basement knows no room
+        ("from mannbv import cellar", ("episode",)),  # a room without a floor
+    ],
+)
+def test_the_checker_sees_a_bad_import(source, module):
+    assert len(trespasses(source, module)) == 1
+
+
+@pytest.mark.parametrize(
+    ("source", "module"),
+    [
+        ("import numpy\nfrom mannbv import geometry, kernels\nfrom mannbv.kernels.rays import cast", ("risk",)),
+        ("from mannbv.render.dense import render\nfrom .dense import compose", ("render", "tiled")),
+        ("from mannbv import __version__", ("episode",)),
+    ],
+)
+def test_the_checker_lets_good_imports_pass(source, module):
+    assert trespasses(source, module) == []
+
+
+def test_the_checker_sees_a_question_for_the_dimension():
+    for bad in ("if m.dim == 2:\n    pass", "x = 1 if dim == 3 else 2", "def f(m):\n    while 2 < m.dim: pass"):
+        assert len(dimension_questions(bad, ("objective",))) == 1
+        assert dimension_questions(bad, ("geometry",)) == []
+    assert dimension_questions("if a.dim != b.dim:\n    raise ValueError", ("objective",)) == []
+
+
+def public(module):
+    for name, thing in vars(module).items():
+        own = getattr(thing, "__module__", None) == module.__name__
+        if own and not name.startswith("_") and (inspect.isclass(thing) or inspect.isfunction(thing)):
+            yield name, thing
+
+
+def test_everything_public_says_what_it_is():
+    silent = []
+    for info in pkgutil.walk_packages([str(ROOT)], "mannbv."):
+        if info.name.startswith("mannbv.kernels.") or info.name.endswith("__main__"):
+            continue
+        module = importlib.import_module(info.name)
+        if not module.__doc__:
+            silent.append(info.name)
+        for name, thing in public(module):
+            doc = thing.__doc__ or ""
+            if not doc or (inspect.isclass(thing) and doc.startswith(f"{name}(")):  # a dataclass writes its own
+                silent.append(f"{info.name}.{name}")
+    for path in (ROOT / "kernels").glob("*.py"):
+        if not ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))):
+            silent.append(str(path))
+    assert silent == []

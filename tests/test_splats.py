@@ -1,0 +1,320 @@
+import pickle
+import warnings
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from helpers import random_map, shifted
+from numpy.testing import assert_allclose
+
+from mannbv import geometry, splats
+from mannbv.splats import FormatError, SplatMap
+
+SCENES = Path(__file__).resolve().parents[1] / ".." / "shared" / "scenes"
+
+
+def same(one: SplatMap, other: SplatMap):
+    return all(torch.equal(a, b) for a, b in zip(one.tensors(), other.tensors(), strict=True))
+
+
+def fields_of(splat_map):
+    names = ["means", "log_scales", "rotations", "opacity_logits", "colors"]
+    return dict(zip(names, (t.numpy() for t in splat_map.tensors()), strict=True))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("n", [0, 1, 7])
+def test_npz_keeps_every_bit(dim, dtype, n, rng, tmp_path):
+    before = random_map(rng, n, dim, dtype)
+    splats.save(before, tmp_path / "map.npz")
+    after = splats.load(tmp_path / "map.npz")
+    assert after.means.dtype == dtype
+    assert (after.dim, after.n_splats) == (dim, n)
+    assert same(before, after)
+
+
+@pytest.mark.parametrize("n", [0, 1, 7])
+def test_ply_keeps_single_precision(n, rng, tmp_path):
+    before = random_map(rng, n, 3, torch.float32)
+    splats.save(before, tmp_path / "map.ply")
+    after = splats.load(tmp_path / "map.ply")
+    for a, b in zip(before.tensors(), after.tensors(), strict=True):
+        assert_allclose(a, b, rtol=1e-6, atol=1e-6)
+    assert torch.equal(before.means, after.means)
+
+
+def test_a_saved_ply_has_the_standard_columns(rng, tmp_path):
+    """Read back by hand: what other tools will find."""
+    before = random_map(rng, 3, 3, torch.float32)
+    splats.save(before, str(tmp_path / "map.ply"))
+    head, body = (tmp_path / "map.ply").read_bytes().split(b"end_header\n")
+    names = [line.split()[2].decode() for line in head.splitlines() if line.startswith(b"property float ")]
+    table = np.frombuffer(body, "<f4").reshape(3, len(names))
+    column = {name: table[:, k] for k, name in enumerate(names)}
+    assert_allclose(column["y"], before.means[:, 1])
+    assert_allclose(0.5 + 0.28209479177387814 * column["f_dc_2"], before.colors[:, 2], rtol=1e-5)
+    assert_allclose(1 / (1 + np.exp(-column["opacity"])), before.opacities, rtol=1e-5)
+    assert_allclose(np.exp(column["scale_1"]), before.scales[:, 1], rtol=1e-5)
+    assert_allclose(column["rot_0"], before.rotations[:, 0])
+    assert not np.any([column["nx"], column["ny"], column["nz"]])
+
+
+def test_a_third_party_ply_loads():
+    path = SCENES / "splats" / "cvlab_pc_short.ply"
+    if not path.exists():
+        pytest.skip("third-party scenes are not beside this checkout")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = splats.load(path)
+    assert all("spherical harmonics" in str(w.message) for w in caught)
+    assert (found.dim, found.n_splats) == (3, 100)
+    head, body = path.read_bytes().split(b"end_header\n")
+    table = np.frombuffer(body, "<f4").reshape(100, 62)
+    assert_allclose(found.means, table[:, :3])
+    assert_allclose(found.rotations, table[:, -4:])
+    assert_allclose(found.opacity_logits, table[:, -8])
+    eigenvalues = torch.linalg.eigvalsh(found.covariances().double())
+    assert_allclose(eigenvalues.sqrt(), np.sort(np.exp(table[:, -7:-4]), 1), rtol=1e-3)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_unions_and_selections(dim, rng):
+    a, b, c = (random_map(rng, n, dim) for n in (3, 1, 4))
+    empty = SplatMap.empty(dim).to(torch.float64)
+    whole = splats.union(a, b, c)
+    assert whole.n_splats == 8
+    assert same(splats.union(splats.union(a, b), c), whole)
+    assert same(splats.union(empty, a, empty), a)
+    assert same(whole.select(torch.arange(3)), a)
+    assert same(whole.select(np.arange(8) >= 4), c)
+    assert same(whole.select(torch.arange(8)), whole)
+    order = rng.permutation(8)
+    assert same(whole.select(order).select(np.argsort(order)), whole)
+    assert whole.select(torch.zeros(8, dtype=torch.bool)).n_splats == 0
+    assert_allclose(whole.select([6]).covariances(), geometry.covariances(c.log_scales, c.rotations)[2:3])
+    assert_allclose(shifted(a, 1.0).covariances(), a.covariances())
+
+
+def test_what_does_not_fit_is_named(rng):
+    flat, space = random_map(rng, 3, 2), random_map(rng, 3, 3)
+    with pytest.raises(ValueError, match="union: maps must share one dimension"):
+        splats.union(flat, space)
+    with pytest.raises(ValueError, match="union"):
+        splats.union()
+    with pytest.raises(ValueError, match="splat map: means must be"):
+        SplatMap(torch.zeros(3, 4), *flat.tensors()[1:])
+    for k, name in enumerate(["log_scales", "rotations", "opacity_logits", "colors"], 1):
+        wrong = [*flat.tensors()[:k], flat.tensors()[k][:2], *flat.tensors()[k + 1 :]]
+        with pytest.raises(ValueError, match=f"splat map: {name} must be"):
+            SplatMap(*wrong)
+    with pytest.raises(ValueError, match="splat map: rotations must be"):
+        SplatMap(space.means, space.log_scales, torch.zeros(3, 2), *space.tensors()[3:])
+
+
+class Trap:
+    """Unpickling one writes a file."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.write_text, (self.path, "executed")
+
+
+def bad_npz(kind, path, good):
+    fields = fields_of(good)
+    if kind == "truncated":
+        splats.save(good, path)
+        path.write_bytes(path.read_bytes()[:-200])
+    elif kind == "damaged":
+        splats.save(good, path)
+        raw = bytearray(path.read_bytes())
+        raw[raw.index(b"\x93NUMPY") + 140] ^= 0xFF
+        path.write_bytes(raw)
+    elif kind == "damaged and compressed":
+        np.savez_compressed(path, **fields)
+        raw = bytearray(path.read_bytes())
+        raw[60:90] = bytes(30)
+        path.write_bytes(raw)
+    elif kind == "empty":
+        path.write_bytes(b"")
+    elif kind == "no archive":
+        path.write_bytes(b"a text file\n")
+    elif kind == "a bare array":
+        with path.open("wb") as file:
+            np.save(file, fields["means"])
+    elif kind == "a pickle":
+        path.write_bytes(pickle.dumps(Trap(path.with_suffix(".trap"))))
+    elif kind == "pickled arrays":
+        fields["means"] = np.array([Trap(path.with_suffix(".trap"))] * 4, object)
+        np.savez(path, **fields)
+    elif kind == "a field missing":
+        del fields["colors"]
+        np.savez(path, **fields)
+    elif kind == "not arrays":
+        with zipfile.ZipFile(path, "w") as archive:
+            for name in fields:
+                archive.writestr(f"{name}.npy", b"no numbers here")
+    elif kind == "absurd count":
+        with zipfile.ZipFile(path, "w") as archive:
+            for name in fields:
+                header = b"{'descr': '<f4', 'fortran_order': False, 'shape': (900000000000, 3), }"
+                header = header.ljust(117) + b"\n"
+                archive.writestr(f"{name}.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
+    elif kind == "whole numbers":
+        np.savez(path, **{**fields, "colors": np.ones((4, 3), int)})
+    elif kind == "a number":
+        np.savez(path, **{**fields, "opacity_logits": np.array(1.0)})
+    elif kind == "too few rows":
+        np.savez(path, **{**fields, "opacity_logits": fields["opacity_logits"][:3]})
+    elif kind == "four dimensions":
+        np.savez(path, **{**fields, "means": np.zeros((4, 4))})
+    elif kind == "NaN":
+        fields["log_scales"] = np.where(np.arange(4)[:, None] == 2, np.nan, fields["log_scales"])
+        np.savez(path, **fields)
+    elif kind == "infinite":
+        np.savez(path, **{**fields, "means": np.where(np.eye(4)[:, :2] > 0, np.inf, 0.0)})
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "truncated", "damaged", "damaged and compressed", "empty", "no archive", "a bare array", "a pickle",
+        "pickled arrays", "a field missing", "not arrays", "absurd count", "whole numbers", "a number", "too few rows",
+        "four dimensions", "NaN", "infinite", "missing",
+    ],
+)  # fmt: skip
+def test_bad_npz_files_are_named_in_one_line(kind, rng, tmp_path):
+    path = tmp_path / "bad.npz"
+    bad_npz(kind, path, random_map(rng, 4, 2))
+    with pytest.raises(FormatError) as caught:
+        splats.load(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    assert not path.with_suffix(".trap").exists()  # nothing was executed
+    if kind == "NaN":
+        assert "log_scales of splat 2" in message
+
+
+def test_the_trap_works(tmp_path):
+    """That a pickled map would run code if it were unpickled."""
+    pickle.loads(pickle.dumps(Trap(tmp_path / "sprung")))
+    assert (tmp_path / "sprung").exists()
+
+
+def edited(path, old, new):
+    raw = path.read_bytes()
+    assert old in raw
+    path.write_bytes(raw.replace(old, new, 1))
+
+
+def bad_ply(kind, path, good):
+    splats.save(good, path)
+    if kind == "truncated":
+        path.write_bytes(path.read_bytes()[:-5])
+    elif kind == "truncated header":
+        path.write_bytes(path.read_bytes()[:100])
+    elif kind == "too many":
+        edited(path, b"vertex 4", b"vertex 5")
+    elif kind == "too few":
+        edited(path, b"vertex 4", b"vertex 3")
+    elif kind == "absurd count":
+        edited(path, b"vertex 4", b"vertex 900000000000")
+    elif kind == "endless count":
+        edited(path, b"vertex 4", b"vertex " + b"9" * 5000)
+    elif kind == "negative count":
+        edited(path, b"vertex 4", b"vertex -4")
+    elif kind == "no count":
+        edited(path, b"element vertex 4\n", b"")
+    elif kind == "ascii":
+        edited(path, b"binary_little_endian", b"ascii")
+    elif kind == "big endian":
+        edited(path, b"binary_little_endian", b"binary_big_endian")
+    elif kind == "faces first":
+        edited(path, b"element vertex", b"element face 2\nelement vertex")
+    elif kind == "a list":
+        edited(path, b"property float nx", b"property list uchar int nx")
+    elif kind == "unknown type":
+        edited(path, b"property float nx", b"property quad nx")
+    elif kind == "twice the same":
+        edited(path, b"property float nx", b"property float x")
+    elif kind == "a property missing":
+        edited(path, b"property float scale_1", b"property float size")
+    elif kind == "no magic":
+        edited(path, b"ply\n", b"plo\n")
+    elif kind == "only an end":
+        path.write_bytes(b"end_header\n")
+    elif kind == "empty":
+        path.write_bytes(b"")
+    elif kind == "NaN":
+        table = np.frombuffer(path.read_bytes()[-4 * 17 * 4 :], "<f4").reshape(4, 17).copy()
+        table[1, 0] = np.nan
+        path.write_bytes(path.read_bytes()[: -4 * 17 * 4] + table.tobytes())
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "truncated", "truncated header", "too many", "too few", "absurd count", "endless count", "negative count",
+        "no count", "ascii", "big endian", "faces first", "a list", "unknown type", "twice the same",
+        "a property missing", "no magic", "only an end", "empty", "NaN",
+    ],
+)  # fmt: skip
+def test_bad_ply_files_are_named_in_one_line(kind, rng, tmp_path):
+    path = tmp_path / "bad.ply"
+    bad_ply(kind, path, random_map(rng, 4, 3, torch.float32))
+    with pytest.raises(FormatError) as caught:
+        splats.load(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+    if kind == "NaN":
+        assert "means of splat 1" in str(caught.value)
+
+
+@pytest.mark.parametrize(("ending", "dim"), [("npz", 2), ("ply", 3)])
+def test_noise_in_a_file_never_leads_past_a_format_error(ending, dim, rng, tmp_path):
+    path = tmp_path / f"map.{ending}"
+    splats.save(random_map(rng, 3, dim, torch.float32), path)
+    good = np.frombuffer(path.read_bytes(), np.uint8)
+    refused = 0
+    for _ in range(300):
+        bad = good.copy()
+        bad[rng.integers(len(bad), size=3)] = rng.integers(256, size=3)
+        path.write_bytes(bad[: rng.integers(1, len(bad) + 1)].tobytes())
+        try:
+            splats.load(path)
+        except FormatError:
+            refused += 1
+    assert refused > 100
+
+
+@pytest.mark.parametrize("name", ["map.txt", "map", "map.NPZX"])
+def test_unknown_endings_are_named(name, rng, tmp_path):
+    with pytest.raises(FormatError, match="unknown ending"):
+        splats.save(random_map(rng, 2, 2), tmp_path / name)
+    assert not (tmp_path / name).exists()
+    (tmp_path / name).write_bytes(b"")
+    with pytest.raises(FormatError, match="unknown ending"):
+        splats.load(tmp_path / name)
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path):
+    for path in (tmp_path / "none.npz", tmp_path):
+        with pytest.raises(FormatError, match="no such file"):
+            splats.load(path)
+
+
+def test_a_flat_map_is_no_ply(rng, tmp_path):
+    path = tmp_path / "map.ply"
+    path.write_bytes(b"precious")
+    with pytest.raises(FormatError, match=r"save a flatland map as \.npz"):
+        splats.save(random_map(rng, 2, 2), path)
+    assert path.read_bytes() == b"precious"
+
+
+def test_maps_move_between_precisions(rng):
+    assert random_map(rng, 2, 3).to(torch.float32).means.dtype == torch.float32
