@@ -35,6 +35,11 @@ class Camera:
             raise ValueError(f"camera: field of view must lie between 0 and π rad, got {fov}")
         return Camera(width, height, width / 2 / math.tan(fov / 2))
 
+    @staticmethod
+    def of_dim(dim: int, width: int, height: int, fov: float) -> "Camera":
+        """A camera for a world of `dim` dimensions; flatland leaves the height out."""
+        return Camera.from_fov(width, None if dim == 2 else height, fov)
+
     @property
     def dim(self) -> int:
         """Dimension of the world that this camera looks at."""
@@ -49,11 +54,6 @@ class Camera:
     def shape(self) -> tuple[int, ...]:
         """Shape of an image, row-major: (width,) in flatland, (height, width) in 3-D."""
         return self.size[::-1]
-
-    @property
-    def low_pass(self) -> float:
-        """[px²] added to every projected covariance."""
-        return LOW_PASS
 
     @property
     def fov(self) -> float:
@@ -71,10 +71,6 @@ class Camera:
         half = torch.tensor(self.size).to(like) / 2
         slopes = (self.pixels(like) - half) / self.focal
         return torch.cat([slopes, torch.ones(len(slopes), 1).to(like)], 1)
-
-    def depth(self, local: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
-        """Distance along the optical axis [m]; splats nearer than `NEAR` are not drawn."""
-        return local[:, -1]
 
     def project(self, local: Float[Tensor, "n d"]) -> tuple[Float[Tensor, "n m"], Float[Tensor, "n m d"]]:
         """π and its Jacobian at points in the camera's frame with positive depth.
@@ -104,60 +100,6 @@ class Camera:
         inside = (ray.abs() < limit)[..., None]
         turn[..., -1, :] += torch.where(inside, -ray_slope, 0.0) * (self.focal / depth)[:, None, None]
         return self.focal * ray_slope, turn
-
-    def offsets(self, pixels: Float[Tensor, "p m"], centers: Float[Tensor, "n m"]) -> Float[Tensor, "n p m"]:
-        """From splat centres to pixels [px]."""
-        return pixels - centers[:, None]
-
-
-@dataclass(frozen=True)
-class Panorama:
-    """Flatland's cylinder camera: every direction around a point in `width` equal columns.
-
-    Column centres run from −π to π to the right of the pose's forward axis. Used to look at all yaws at once.
-    low_pass [columns²] is added to every projected covariance.
-    """
-
-    width: int
-    low_pass: float = LOW_PASS
-
-    @property
-    def size(self) -> tuple[int, ...]:
-        return (self.width,)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return (self.width,)
-
-    @property
-    def focal(self) -> float:
-        """Columns per radian."""
-        return self.width / (2 * math.pi)
-
-    def pixels(self, like: Tensor) -> Float[Tensor, "pixels 1"]:
-        return torch.arange(self.width).to(like)[:, None] + 0.5
-
-    def depth(self, local: Float[Tensor, "n 2"]) -> Float[Tensor, " n"]:
-        """Range [m]: a cylinder has no axis."""
-        return torch.linalg.norm(local, dim=1)
-
-    def project(self, local: Float[Tensor, "n 2"]) -> tuple[Float[Tensor, "n 1"], Float[Tensor, "n 1 2"]]:
-        """Angle in columns, and its Jacobian [px/m]."""
-        x, z = local.unbind(-1)
-        square = x * x + z * z
-        jacobian = self.focal * torch.stack([z, -x], -1) / square[:, None]
-        return (self.focal * torch.atan2(x, z) + self.width / 2)[:, None], jacobian[:, None]
-
-    def differentials(self, local: Float[Tensor, "n 2"]) -> tuple[Float[Tensor, "n 1 2"], Float[Tensor, "n 1 2 2"]]:
-        x, z = local.unbind(-1)
-        square = x * x + z * z
-        cross, across = -2 * x * z / square**2, 1 / square - 2 * z * z / square**2
-        turn = self.focal * torch.stack([cross, across, across, -cross], -1)
-        return self.project(local)[1], turn.reshape(-1, 1, 2, 2)
-
-    def offsets(self, pixels: Float[Tensor, "p 1"], centers: Float[Tensor, "n 1"]) -> Float[Tensor, "n p 1"]:
-        """From splat centres to columns, the short way around [px]."""
-        return torch.remainder(pixels - centers[:, None] + self.width / 2, self.width) - self.width / 2
 
 
 @dataclass(frozen=True)

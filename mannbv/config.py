@@ -6,11 +6,20 @@
 import dataclasses
 import json
 import math
+import numbers
 from dataclasses import dataclass, field, fields
 
 
 def _constant(default, unit: str, meaning: str, source: str = "chosen here"):
     return field(default=default, metadata={"unit": unit, "meaning": meaning, "source": source})
+
+
+_KINDS = {int: (numbers.Integral, "a whole number"), float: (numbers.Real, "a finite number"), str: (str, "a name")}
+_POSITIVE = frozenset([
+    "image_width", "image_height", "fov", "max_depth", "step", "turn", "cell", "insert_scale", "sigma_color",
+    "sigma_depth", "n_yaws", "r_min", "beta1", "beta2", "gamma1", "risk_scale", "stride", "reach", "penalty",
+    "penalty_growth",
+])  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -80,14 +89,19 @@ class Config:
     guest_splats: int = _constant(400, "1", "splats sent along with a suggested view, at most", "paper VI-D")
 
     def __post_init__(self):
-        for name in ("image_width", "image_height", "stride", "cell", "step", "turn", "r_min", "beta1", "beta2"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"config: {name} must be positive, got {getattr(self, name)}")
+        for f in fields(self):
+            value, kind = getattr(self, f.name), type(f.default)
+            fits = isinstance(value, _KINDS[kind][0]) and not isinstance(value, bool)
+            if not fits or (kind is not str and not math.isfinite(value)):
+                raise ValueError(f"config: {f.name} must be {_KINDS[kind][1]}, got {value!r}")
+            if kind is not str and value < 0:
+                raise ValueError(f"config: {f.name} must not be negative, got {value}")
+            if f.name in _POSITIVE and not value > 0:
+                raise ValueError(f"config: {f.name} must be positive, got {value}")
         if not 0 < self.level < 1:
             raise ValueError(f"config: level must lie strictly between 0 and 1, got {self.level}")
-        for name in ("fit_steps", "rounds", "max_cycles", "guest_splats", "margin", "risk_weight"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"config: {name} must not be negative, got {getattr(self, name)}")
+        if not self.fov < math.pi:
+            raise ValueError(f"config: fov must be below π rad, got {self.fov}")
 
     def replace(self, **changes) -> "Config":
         """A copy with some constants changed. Raises ValueError for a name that is none of them."""
@@ -101,7 +115,11 @@ class Config:
 
     @staticmethod
     def from_json(text: str) -> "Config":
-        return Config().replace(**json.loads(text))
+        """The inverse of `to_json`; constants that are not named keep their defaults."""
+        values = json.loads(text)
+        if not isinstance(values, dict):
+            raise ValueError("config: expected a JSON object of constants")
+        return Config().replace(**values)
 
 
 def describe(config: Config | None = None) -> str:

@@ -107,7 +107,7 @@ def run(
         raise ValueError(f"episode: the seed must be a whole number from 0, got {seed}")
     place = scene if hasattr(scene, "sense") else world.load(scene)
     place = draw_team(place, n_robots, seed, config)
-    camera = Camera.from_fov(config.image_width, None if place.dim == 2 else config.image_height, config.fov)
+    camera = Camera.of_dim(place.dim, config.image_width, config.image_height, config.fov)
     mission = Mission(place, camera, config, network.build(config.network, n_robots), strategy, seed)
     network.check(mission.network, n_robots)
 

@@ -55,7 +55,8 @@ class Pose:
 
 def wrap(angle):
     """Angle(s) [rad] brought into [−π, π); floats, arrays and tensors."""
-    return (angle + math.pi) % (2 * math.pi) - math.pi
+    turned = (angle + math.pi) % (2 * math.pi) - math.pi
+    return turned - 2 * math.pi * (turned >= math.pi)  # rounding can bring the remainder to 2π itself
 
 
 def yaw_pose(position, yaw) -> Pose:

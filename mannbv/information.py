@@ -5,6 +5,7 @@ opacity logit (1), colour (3): 9 in flatland, 13 in 3-D.
 """
 
 import functools
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,16 +13,19 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
+from scipy.sparse import csr_array
 from torch import Tensor
 
 from mannbv import geometry, render, splats
-from mannbv.camera import Camera, Panorama
+from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.geometry import Pose
 from mannbv.render import row
 from mannbv.splats import SplatMap
 
 _DEFAULT = Config()
+_OVERSAMPLING = 4  # directions for each pixel on the axis
+_PLACES = 5  # in the image
 
 
 def n_parameters(dim: int) -> int:
@@ -43,7 +47,7 @@ def _lift(drawn: render.Composite, values: Float[Tensor, "v c"]) -> Float[Tensor
     return drawn.transmittance * values.T[:, :, None] - behind / (1 - drawn.blend)
 
 
-def _response(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose, drawn: render.Composite):
+def _response(splat_map: SplatMap, camera: Camera, pose: Pose, drawn: render.Composite):
     """How pixels answer to the v drawn splats through K image quantities: position (m), covariance (m²), logit (1).
 
     Returns features (v, P, K) = ∂ρ/∂quantity and chain (v, K, g) = ∂quantity/∂(mean, log-scale, rotation, logit).
@@ -236,10 +240,10 @@ def yaw_profile(
     """Gain (15) of all yaws at `position` (d,) [m]; arguments as in `fisher` and `gain`.
 
     method "views" takes one Fisher a yaw. "panorama" (flatland) looks once in all directions: the information density
-    over direction, correlated with the pinhole's pixels a radian; depth along the camera's axis is linear in the axis,
-    so three densities (xx, xy, yy) give the depth channel. A pinhole's pixels are narrower, in angle, towards the
-    image's edge, hence its low pass too: densities at three low passes are interpolated (with one alone, at the
-    average, gains of splats about as large as a pixel are 5-20 % off). "auto": panorama in flatland, views in 3-D.
+    over direction, read at the pixels of every yaw. Depth along the camera's axis is linear in the axis, so three
+    densities (xx, xy, yy) give the depth channel. A pinhole stretches what it sees towards the image's edge, hence
+    densities for several places in the image. What is left to differ from separate views: the clamp of splats beside
+    the image, the near plane. "auto": panorama in flatland, views in 3-D.
     """
     worth = _precision(prior, weights, selected, damping)
     noise = {"sigma_color": sigma_color, "sigma_depth": sigma_depth}
@@ -261,19 +265,17 @@ def yaw_profile(
     if others is not None:
         worth = torch.cat([worth, torch.zeros(others.n_splats, worth.shape[1]).to(worth)])
         splat_map = splats.union(splat_map, others)
-    densities = np.concatenate([
-        _panorama(splat_map, camera, position, worth, sigma_color, sigma_depth, narrowing)
-        for narrowing in _narrowings(camera.fov)
-    ])  # fmt: skip
-    columns = len(densities) // 3
+    columns = math.ceil(_OVERSAMPLING * 2 * math.pi * camera.focal)
+    slants = np.tan(_places(camera.fov))
+    densities = row.densities(splat_map, camera, position, worth, slants, columns, sigma_color, sigma_depth)
 
     def evaluate(yaw: float) -> tuple[float, float]:
-        pixels, rates = _pixels(camera.focal, camera.fov, columns, np.array([float(yaw)]))
+        pixels, rates = _pixels((camera.width, camera.focal), columns, np.array([float(yaw)]))
         turn, turn_rate = _axis_terms(np.array([float(yaw)]))
         seen = pixels @ densities
         return float((seen * turn).sum()), float((rates @ densities * turn + seen * turn_rate).sum())
 
-    seen = _uniform_pixels(camera.focal, camera.fov, columns, n_yaws) @ densities
+    seen = _uniform_pixels((camera.width, camera.focal), columns, n_yaws) @ densities
     return YawProfile(yaws, (seen * _axis_terms(yaws)[0]).sum(1), evaluate)
 
 
@@ -285,68 +287,41 @@ def _axis_terms(yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return terms, slopes
 
 
-def _narrowings(fov: float) -> np.ndarray:
-    """By how much a pinhole's low pass is narrower in angle [rad²] than at its axis, cos⁴θ: edge, middle, axis."""
-    return np.linspace(math.cos(fov / 2) ** 4, 1.0, 3)
+def _places(fov: float) -> np.ndarray:
+    """Angles to the axis [rad] of the places in an image for which densities are computed."""
+    return np.linspace(-fov / 2, fov / 2, _PLACES)
 
 
-def _pixels(focal: float, fov: float, columns: int, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How many of a pinhole's pixels along `yaw` (k,) fall to each column of each panorama, and the slope: (k, 3 W).
+def _pixels(camera_size: tuple[int, float], columns: int, yaw: np.ndarray) -> tuple[csr_array, csr_array]:
+    """How the pixels of a pinhole (width, focal) along `yaw` (k,) read the densities, and the slope: (k, all columns).
 
-    A pixel's share in the three panoramas is the quadratic interpolation at its own cos⁴θ.
+    A pixel looks along its centre, between columns (cubic convolution, which has a slope everywhere), and between the
+    places in the image (Lagrange), so that what a splat gains or loses by falling between two pixels is kept.
     """
-    headings = -((np.arange(columns) + 0.5) * 2 * math.pi / columns - math.pi)  # the panorama turns right
-    ahead = geometry.wrap(headings - yaw[:, None])
-    left, right, edge = ahead + math.pi / columns, ahead - math.pi / columns, fov / 2
-    pixels = focal * (np.tan(np.clip(left, -edge, edge)) - np.tan(np.clip(right, -edge, edge)))
-    outer, inner = (focal * np.where(abs(side) < edge, np.cos(side) ** -2.0, 0.0) for side in (left, right))
-    least = _narrowings(fov)[0]
-    inside = np.clip(ahead, -edge, edge)
-    t = (np.cos(inside) ** 4 - least) / (1 - least)
-    t_rate = np.where(abs(ahead) < edge, 4 * np.cos(inside) ** 3 * np.sin(inside) / (1 - least), 0.0)
-    shares = np.stack([(2 * t - 1) * (t - 1), 4 * t * (1 - t), t * (2 * t - 1)], 1)
-    share_rates = np.stack([4 * t - 3, 4 - 8 * t, 4 * t - 1], 1) * t_rate[:, None]
-    rates = (inner - outer)[:, None] * shares + pixels[:, None] * share_rates
-    return (pixels[:, None] * shares).reshape(len(yaw), -1), rates.reshape(len(yaw), -1)
+    width, focal = camera_size
+    right = np.arctan((np.arange(width) + 0.5 - width / 2) / focal)
+    nodes = _places(2 * math.atan(width / 2 / focal))
+    shares = np.ones((_PLACES, width))
+    for a, b in itertools.permutations(range(_PLACES), 2):
+        shares[a] *= (right - nodes[b]) / (nodes[a] - nodes[b])
+    place = (right - yaw[:, None] + math.pi) * columns / (2 * math.pi) - 0.5
+    low = np.floor(place)
+    x = (place - low)[..., None] + np.array([1.0, 0.0, -1.0, -2.0])  # signed distance to the four columns around
+    far = np.abs(x)
+    near = far < 1
+    read = np.where(near, 1.5 * far**3 - 2.5 * far**2 + 1, -0.5 * far**3 + 2.5 * far**2 - 4 * far + 2)
+    rate = np.sign(x) * np.where(near, 4.5 * far**2 - 5 * far, -1.5 * far**2 + 5 * far - 4)
+    column = (low[..., None].astype(np.int64) + np.array([-1, 0, 1, 2])) % columns
+    rows = np.broadcast_to(np.arange(len(yaw))[:, None, None, None], (*place.shape, 4, _PLACES))
+    cells = rows.ravel(), (column[..., None] + columns * np.arange(_PLACES)).ravel()
+
+    def matrix(values: np.ndarray) -> csr_array:
+        return csr_array(((values[..., None] * shares.T[:, None]).ravel(), cells), (len(yaw), _PLACES * columns))
+
+    return matrix(read), matrix(-rate * columns / (2 * math.pi))
 
 
 @functools.lru_cache(maxsize=4)
-def _uniform_pixels(focal: float, fov: float, columns: int, n_yaws: int) -> np.ndarray:
+def _uniform_pixels(camera_size: tuple[int, float], columns: int, n_yaws: int) -> csr_array:
     """`_pixels` of uniform yaws: the same for every position, so kept."""
-    return _pixels(focal, fov, columns, uniform_yaws(n_yaws))[0]
-
-
-@torch.no_grad()
-def _panorama(
-    splat_map: SplatMap, camera: Camera, position, worth: Tensor, sigma_color: float, sigma_depth: float, narrowing
-) -> np.ndarray:
-    """Gain per panorama column if a pixel lay there, (W, 4): colour, and depth's xx, xy and yy in the camera's axis.
-
-    The low pass is that of the pinhole's pixels whose share of a radian is √narrowing of the axial one's.
-    """
-    width = math.ceil(1.2 * 2 * math.pi * camera.focal)
-    scale = width / (2 * math.pi * camera.focal)  # columns for each pixel on the axis
-    columns = Panorama(width, float(camera.low_pass * narrowing * scale**2))
-    view = geometry.yaw_pose(torch.as_tensor(position).to(splat_map.means), 0.0)
-    if render.tiled("auto", splat_map):
-        return row.densities(splat_map, columns, view, worth, sigma_color, sigma_depth)
-    drawn = render.compose(splat_map, columns, view)
-    counts = torch.nonzero((worth[drawn.index] > 0).any(1))[:, 0]
-    relative = splat_map.means[drawn.index] - view.position
-    color = _lift(drawn, splat_map.colors[drawn.index])[:, counts] / sigma_color
-    lift = _lift(drawn, relative)[:, counts] / sigma_depth
-    drawn = drawn.narrow(counts)
-    features, chain = _response(splat_map, columns, view, drawn)
-
-    dim, worth = splat_map.dim, worth[drawn.index]
-    mean_worth, color_worth = worth[:, :dim], worth[:, -3:].sum(1)
-    metric = torch.einsum("vka,va,vla->vkl", chain, worth[:, :-3], chain)
-    response = torch.einsum("vpk,vkl,vpl->vp", features, metric, features)
-    square = drawn.weight**2
-    flat = ((color**2).sum(0) * response).sum(0) + color_worth @ square / sigma_color**2
-
-    shift = torch.einsum("vpk,vka,va->avp", features, chain[..., :dim], mean_worth)
-    cross = torch.einsum("avp,bvp->abp", lift, shift * drawn.weight / sigma_depth)
-    depth = torch.einsum("avp,bvp,vp->abp", lift, lift, response) + cross + cross.transpose(0, 1)
-    depth = depth + torch.diag_embed(square.T @ mean_worth / sigma_depth**2).permute(1, 2, 0)
-    return torch.stack([flat, depth[0, 0], depth[0, 1], depth[1, 1]], 1).double().numpy()
+    return _pixels(camera_size, columns, uniform_yaws(n_yaws))[0]

@@ -54,22 +54,24 @@ def reference_path(belief: Belief, start: np.ndarray, goal: np.ndarray, config: 
 
 
 def path_scores(belief: Belief, world: World, surfaces: SplatMap, start, goal, shortest: np.ndarray, config: Config):
-    """Risk of the reference path: on the own map, on the true surfaces, and its gain over the shortest feasible path.
+    """Risk of the reference path and its gain over the shortest feasible path, on the own map and the true surfaces.
 
-    Returns total_risk_m, total_risk_true_m, risk_gain_m; NaN where the map knows no way from start to goal.
+    Returns total_risk_m, total_risk_true_m, risk_gain_m, risk_gain_true_m; NaN where the map knows no way from start
+    to goal.
     """
     path = reference_path(belief, np.asarray(start, float), np.asarray(goal, float), config)
     if path is None:
-        return {"total_risk_m": math.nan, "total_risk_true_m": math.nan, "risk_gain_m": math.nan}
+        return dict.fromkeys(("total_risk_m", "total_risk_true_m", "risk_gain_m", "risk_gain_true_m"), math.nan)
 
     def total(splat_map: SplatMap, waypoints: np.ndarray) -> float:
         return risk.total(splat_map, torch.from_numpy(waypoints), config.level, config.measure)
 
-    own = total(belief.splats, path)
+    own, true = total(belief.splats, path), total(surfaces, path)
     return {
         "total_risk_m": own,
-        "total_risk_true_m": total(surfaces, path),
+        "total_risk_true_m": true,
         "risk_gain_m": own - total(belief.splats, shortest),
+        "risk_gain_true_m": true - total(surfaces, shortest),
     }
 
 

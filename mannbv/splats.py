@@ -234,13 +234,14 @@ def _load_ply(path: Path) -> dict[str, np.ndarray]:
         count, record = _ply_header(path, head[:end].splitlines())
         start = end + len(b"end_header\n")
         room = (size - start) // record.itemsize
-        alone = head[:end].count(b"\nelement ") == 1  # nothing else may fill the rest of the file
-        if count > _MAX_SPLATS or count > room or (alone and count < room):
+        if count > _MAX_SPLATS or count > room:
             raise FormatError(
                 f"{path}: the header promises {count} splats, the file has room for {room}; copy it again"
             )
         file.seek(start)
         rows = np.fromfile(file, record, count)
+    if room > count and head[:end].count(b"\nelement ") == 1:
+        warnings.warn(f"{path}: only the {count} splats its header promises are read, of {room}", stacklevel=3)
     if any(np.any(rows[name] != 0) for name in record.names if name.startswith("f_rest_")):
         warnings.warn(f"{path}: spherical harmonics beyond degree 0 are dropped", stacklevel=3)
 

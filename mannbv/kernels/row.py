@@ -14,11 +14,11 @@ MAX_BLEND = 0.99
 
 
 @njit(cache=True, nogil=True)
-def project(means, log_scales, rotations, rotation, position, focal, width, limit, near, low_pass, panorama):
+def project(means, log_scales, rotations, rotation, position, focal, width, limit, near, low_pass, around):
     """The splats before the camera, front to back.
 
-    rotation: (2, 2), columns right and forward. limit: largest slope of the Jacobian's ray. Returns index (v,), u,
-    var, depth (v,) and chain (v, 7).
+    rotation: (2, 2), columns right and forward. limit: largest slope of the Jacobian's ray. around: all directions,
+    u an angle times focal instead of a pixel. Returns index (v,), u, var, depth (v,) and chain (v, 7).
     """
     n = len(means)
     index, far = np.empty(n, np.int64), np.empty(n)
@@ -29,7 +29,7 @@ def project(means, log_scales, rotations, rotation, position, focal, width, limi
         x = ax * rotation[0, 0] + ay * rotation[1, 0]
         z = ax * rotation[0, 1] + ay * rotation[1, 1]
         square = x * x + z * z
-        if panorama:
+        if around:
             if square <= near * near:
                 continue
             jx, jz = focal * z / square, -focal * x / square
@@ -37,7 +37,7 @@ def project(means, log_scales, rotations, rotation, position, focal, width, limi
             cross = -2.0 * focal * x * z / (square * square)
             along = focal * (x * x - z * z) / (square * square)
             jxx, jxz, jzx, jzz = cross, along, along, -cross
-            u[v] = focal * math.atan2(x, z) + 0.5 * width
+            u[v] = focal * math.atan2(x, z)
         else:
             if z <= near:
                 continue
@@ -73,30 +73,18 @@ def project(means, log_scales, rotations, rotation, position, focal, width, limi
 
 
 @njit(cache=True, nogil=True)
-def _span(u, var, opacity, width, cutoff, panorama):
-    """First and last column whose blend reaches the cutoff; beyond the image where the panorama wraps."""
+def _span(u, var, opacity, width, cutoff):
+    """First and last pixel whose blend reaches the cutoff."""
     if cutoff <= 0.0:
         return 0, width - 1
     if opacity <= cutoff:
         return 0, -1
     reach = math.sqrt(2.0 * var * math.log(opacity / cutoff))
-    first, last = math.ceil(u - reach - 0.5), math.floor(u + reach - 0.5)
-    if panorama:
-        return first, min(last, first + width - 1)
-    return max(first, 0), min(last, width - 1)
+    return max(math.ceil(u - reach - 0.5), 0), min(math.floor(u + reach - 0.5), width - 1)
 
 
 @njit(cache=True, nogil=True)
-def _blend(column, u, var, opacity, width, panorama):
-    """(δ, ρ uncapped) at a column's centre."""
-    delta = column + 0.5 - u
-    if panorama:
-        delta -= width * math.floor(delta / width + 0.5)
-    return delta, opacity * math.exp(-0.5 * delta * delta / var)
-
-
-@njit(cache=True, nogil=True)
-def composite(u, var, opacity, values, width, cutoff, floor, panorama):
+def composite(u, var, opacity, values, width, cutoff, floor):
     """Eq. (1): Σ value · ρ Π(1 − ρ) for values (v, c) → (c + 1, width); the last row is the opacity.
 
     cutoff: blends below it are dropped. floor: a pixel with less transmittance is full.
@@ -104,12 +92,11 @@ def composite(u, var, opacity, values, width, cutoff, floor, panorama):
     channels = values.shape[1]
     image, through = np.zeros((channels + 1, width)), np.ones(width)
     for s in range(len(u)):
-        first, last = _span(u[s], var[s], opacity[s], width, cutoff, panorama)
-        for column in range(first, last + 1):
-            p = column % width
+        first, last = _span(u[s], var[s], opacity[s], width, cutoff)
+        for p in range(first, last + 1):
             if through[p] < floor:
                 continue
-            _, raw = _blend(column, u[s], var[s], opacity[s], width, panorama)
+            raw = opacity[s] * math.exp(-0.5 * (p + 0.5 - u[s]) ** 2 / var[s])
             rho = min(raw, MAX_BLEND)
             weight = rho * through[p]
             for c in range(channels):
@@ -127,12 +114,13 @@ def backward(u, var, opacity, values, image, slopes, width, cutoff, floor):
     through, before = np.ones(width), np.zeros(width)
     total = (slopes * image).sum(0)
     for s in range(len(u)):
-        first, last = _span(u[s], var[s], opacity[s], width, cutoff, False)
+        first, last = _span(u[s], var[s], opacity[s], width, cutoff)
         zero, one, two = 0.0, 0.0, 0.0
         for p in range(first, last + 1):
             if through[p] < floor:
                 continue
-            delta, raw = _blend(p, u[s], var[s], opacity[s], width, False)
+            delta = p + 0.5 - u[s]
+            raw = opacity[s] * math.exp(-0.5 * delta * delta / var[s])
             rho = min(raw, MAX_BLEND)
             weight = rho * through[p]
             shown = slopes[channels, p]
@@ -154,16 +142,17 @@ def backward(u, var, opacity, values, image, slopes, width, cutoff, floor):
 def fisher(u, var, opacity, depth, chain, colors, forward, counts, width, sigma_color, sigma_depth, cutoff, floor):
     """diag(JᵀJ) (v, 9) of the splats that count (v,): mean, log-scales, rotation, logit, colour."""
     values = np.concatenate((colors / sigma_color, depth.reshape(-1, 1) / sigma_depth), 1)
-    image = composite(u, var, opacity, values, width, cutoff, floor, False)
+    image = composite(u, var, opacity, values, width, cutoff, floor)
     rows = np.zeros((len(u), 9))
     through, before = np.ones(width), np.zeros((4, width))
     for s in range(len(u)):
-        first, last = _span(u[s], var[s], opacity[s], width, cutoff, False)
+        first, last = _span(u[s], var[s], opacity[s], width, cutoff)
         e0, e1, e2, e3, e4, f1, f2, seen = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for p in range(first, last + 1):
             if through[p] < floor:
                 continue
-            delta, raw = _blend(p, u[s], var[s], opacity[s], width, False)
+            delta = p + 0.5 - u[s]
+            raw = opacity[s] * math.exp(-0.5 * delta * delta / var[s])
             rho = min(raw, MAX_BLEND)
             weight = rho * through[p]
             energy, lift = 0.0, 0.0
@@ -198,48 +187,83 @@ def fisher(u, var, opacity, depth, chain, colors, forward, counts, width, sigma_
 
 
 @njit(cache=True, nogil=True)
-def densities(u, var, opacity, relative, chain, colors, worth, width, sigma_color, sigma_depth, cutoff, floor):
-    """Gain a column (4, width) of a panorama: colour, and depth's xx, xy, yy in the camera's axis.
+def _as_seen(delta, slant, var, low_pass, focal):
+    """A splat `delta` [rad] left of a pixel that looks `slant` = tan φ off its camera's axis, as that pinhole sees it.
 
-    relative (v, 2): means less the camera's position, in the world frame. worth (v, 9): v / (H + λ), 0 for occluders.
+    Lengths are in pixels as they are on the axis. Returns offset and variance there, by how much the pinhole
+    stretches the splat's angle (κ), and the tangent of the splat's own angle to the axis.
     """
-    values = np.concatenate((colors / sigma_color, relative / sigma_depth), 1)
-    image = composite(u, var, opacity, values, width, cutoff, floor, True)
-    gain = np.zeros((4, width))
-    through, before = np.ones(width), np.zeros((5, width))
+    tangent = math.tan(delta)
+    turn = 1.0 + slant * tangent
+    stretch = (1.0 + tangent * tangent) / (turn * turn)
+    return focal * tangent / turn, var * stretch * stretch + low_pass, stretch, (slant - tangent) / turn
+
+
+@njit(cache=True, nogil=True)
+def densities(
+    angle, var, opacity, relative, chain, colors, worth, focal, columns, slant, low_pass, noise, cutoff, floor
+):
+    """What a pixel would gain, at every direction (columns, 4): colour, and depth's xx, xy, yy in the camera's axis.
+
+    Directions are equal steps from −π to π to the right. angle (v,) [rad], var, chain: as `project` gives them for
+    all directions, without low pass. slant, low_pass: the pixel's place in its image, tan φ, and 0.3 cos⁴φ there.
+    relative (v, 2): means less the camera's position, in the world frame. worth (v, 9): v / (H + λ), 0 for occluders.
+    noise: standard deviations of colour and depth.
+    """
+    values = np.concatenate((colors / noise[0], relative / noise[1]), 1)
+    step = 2.0 * math.pi / columns
+    image, gain = np.zeros((columns, 5)), np.zeros((columns, 4))
     lift = np.empty(5)
-    for s in range(len(u)):
-        uu, uv, vv, color_worth = 0.0, 0.0, 0.0, worth[s, 6] + worth[s, 7] + worth[s, 8]
-        for a in range(2):
-            uu += worth[s, a] * chain[s, a] ** 2
-            uv += worth[s, a] * chain[s, a] * chain[s, 2 + a]
-        for a in range(5):
-            vv += worth[s, a] * chain[s, 2 + a] ** 2
-        counts = color_worth > 0.0
-        first, last = _span(u[s], var[s], opacity[s], width, cutoff, True)
-        for column in range(first, last + 1):
-            p = column % width
-            if through[p] < floor:
+    for final in range(2):  # first what is seen in all, then each splat's share of it
+        through, before = np.ones(columns), np.zeros((columns, 5))
+        for s in range(len(angle)):
+            if opacity[s] <= cutoff:
                 continue
-            delta, raw = _blend(column, u[s], var[s], opacity[s], width, True)
-            rho = min(raw, MAX_BLEND)
-            weight = rho * through[p]
-            for c in range(5):
-                before[c, p] += weight * values[s, c]
-                lift[c] = through[p] * values[s, c] - (image[c, p] - before[c, p]) / (1.0 - rho)
-            if counts:
-                active = rho if raw <= MAX_BLEND else 0.0
-                by_u, by_var = active * delta / var[s], 0.5 * active * (delta / var[s]) ** 2
-                response = by_u * by_u * uu + 2.0 * by_u * by_var * uv + by_var * by_var * vv
-                response += (active * (1.0 - opacity[s])) ** 2 * worth[s, 5]
-                square = weight * weight
-                gain[0, p] += (lift[0] ** 2 + lift[1] ** 2 + lift[2] ** 2) * response
-                gain[0, p] += square * color_worth / sigma_color**2
-                sx = worth[s, 0] * (by_u * chain[s, 0] + by_var * chain[s, 2]) * weight / sigma_depth
-                sy = worth[s, 1] * (by_u * chain[s, 1] + by_var * chain[s, 3]) * weight / sigma_depth
-                direct = square / sigma_depth**2
-                gain[1, p] += lift[3] ** 2 * response + 2.0 * lift[3] * sx + direct * worth[s, 0]
-                gain[2, p] += lift[3] * lift[4] * response + lift[3] * sy + lift[4] * sx
-                gain[3, p] += lift[4] ** 2 * response + 2.0 * lift[4] * sy + direct * worth[s, 1]
-            through[p] -= weight
+            uu, uv, vv, color_worth = 0.0, 0.0, 0.0, worth[s, 6] + worth[s, 7] + worth[s, 8]
+            for a in range(2):
+                uu += worth[s, a] * chain[s, a] ** 2
+                uv += worth[s, a] * chain[s, a] * chain[s, 2 + a]
+            for a in range(5):
+                vv += worth[s, a] * chain[s, 2 + a] ** 2
+            reach = 1.0
+            if cutoff > 0.0:
+                reach = min(1.0, 1.5 * math.sqrt(2.0 * (var[s] + low_pass) * math.log(opacity[s] / cutoff)) / focal)
+            first = math.ceil((angle[s] - reach + math.pi) / step - 0.5)
+            last = math.floor((angle[s] + reach + math.pi) / step - 0.5)
+            for column in range(first, last + 1):
+                p = column % columns
+                delta = (column + 0.5) * step - math.pi - angle[s]
+                if through[p] < floor or slant * delta < -1.4:
+                    continue
+                away, wide, stretch, own = _as_seen(delta, slant, var[s], low_pass, focal)
+                raw = opacity[s] * math.exp(-0.5 * away * away / wide)
+                if raw < cutoff:
+                    continue
+                rho = min(raw, MAX_BLEND)
+                weight = rho * through[p]
+                if not final:
+                    for c in range(5):
+                        image[p, c] += weight * values[s, c]
+                    through[p] -= weight
+                    continue
+                for c in range(5):
+                    before[p, c] += weight * values[s, c]
+                if color_worth > 0.0:
+                    for c in range(5):
+                        lift[c] = through[p] * values[s, c] - (image[p, c] - before[p, c]) / (1.0 - rho)
+                    active = rho if raw <= MAX_BLEND else 0.0
+                    by_var = 0.5 * active * (away / wide) ** 2 * stretch * stretch
+                    by_u = active * away / wide * stretch + by_var * 4.0 * var[s] * own / focal
+                    response = by_u * by_u * uu + 2.0 * by_u * by_var * uv + by_var * by_var * vv
+                    response += (active * (1.0 - opacity[s])) ** 2 * worth[s, 5]
+                    square = weight * weight
+                    gain[p, 0] += (lift[0] ** 2 + lift[1] ** 2 + lift[2] ** 2) * response
+                    gain[p, 0] += square * color_worth / noise[0] ** 2
+                    sx = worth[s, 0] * (by_u * chain[s, 0] + by_var * chain[s, 2]) * weight / noise[1]
+                    sy = worth[s, 1] * (by_u * chain[s, 1] + by_var * chain[s, 3]) * weight / noise[1]
+                    direct = square / noise[1] ** 2
+                    gain[p, 1] += lift[3] ** 2 * response + 2.0 * lift[3] * sx + direct * worth[s, 0]
+                    gain[p, 2] += lift[3] * lift[4] * response + lift[3] * sy + lift[4] * sx
+                    gain[p, 3] += lift[4] ** 2 * response + 2.0 * lift[4] * sy + direct * worth[s, 1]
+                through[p] -= weight
     return gain

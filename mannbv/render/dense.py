@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from mannbv import geometry
-from mannbv.camera import NEAR, Camera, Panorama
+from mannbv.camera import LOW_PASS, NEAR, Camera
 from mannbv.geometry import Pose
 from mannbv.splats import SplatMap
 
@@ -49,20 +49,20 @@ class Composite:
         return Composite(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
-def _image_covariance(splat_map: SplatMap, camera: Camera | Panorama, jacobian: Tensor, pose: Pose) -> Tensor:
+def _image_covariance(splat_map: SplatMap, jacobian: Tensor, pose: Pose) -> Tensor:
     """Σ_I = J Rᵀ Σ R Jᵀ + low pass [px²], (n, m, m)."""
     spread = jacobian @ pose.rotation.T @ geometry.rotation_matrices(splat_map.rotations) * splat_map.scales[:, None]
-    return spread @ spread.transpose(-1, -2) + camera.low_pass * torch.eye(jacobian.shape[1]).to(jacobian)
+    return spread @ spread.transpose(-1, -2) + LOW_PASS * torch.eye(jacobian.shape[1]).to(jacobian)
 
 
 @torch.no_grad()
-def _front_to_back(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose) -> Tensor:
+def _front_to_back(splat_map: SplatMap, camera: Camera, pose: Pose) -> Tensor:
     """Rows of the splats that can touch the image, by range (which, unlike depth, does not change with the yaw)."""
     local = pose.local(splat_map.means)
-    index = torch.nonzero(camera.depth(local) > NEAR)[:, 0]
-    if isinstance(camera, Camera) and len(index):
+    index = torch.nonzero(local[:, -1] > NEAR)[:, 0]
+    if len(index):
         center, jacobian = camera.project(local[index])
-        covariance = _image_covariance(splat_map.select(index), camera, jacobian, pose)
+        covariance = _image_covariance(splat_map.select(index), jacobian, pose)
         reach = _REACH * torch.diagonal(covariance, dim1=-2, dim2=-1).sqrt()
         half = torch.tensor(camera.size).to(center) / 2
         index = index[((center - half).abs() - half <= reach).all(1)]
@@ -70,7 +70,7 @@ def _front_to_back(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose) -
     return index[torch.argsort(distance, stable=True)]
 
 
-def check(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose) -> None:
+def check(splat_map: SplatMap, camera: Camera, pose: Pose) -> None:
     """Raises ValueError if map, camera and pose disagree about the dimension."""
     if not splat_map.dim == pose.dim == len(camera.size) + 1:
         raise ValueError(
@@ -79,7 +79,7 @@ def check(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose) -> None:
         )
 
 
-def compose(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose) -> Composite:
+def compose(splat_map: SplatMap, camera: Camera, pose: Pose) -> Composite:
     """Project the splats and composite them along every pixel's ray."""
     check(splat_map, camera, pose)
     pose = pose.to(splat_map.means)
@@ -87,8 +87,8 @@ def compose(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose) -> Compo
     seen = splat_map.select(index)
     local = pose.local(seen.means)
     center, jacobian = camera.project(local)
-    inverse = geometry.small_inverse(_image_covariance(seen, camera, jacobian, pose))
-    offset = camera.offsets(camera.pixels(local), center)
+    inverse = geometry.small_inverse(_image_covariance(seen, jacobian, pose))
+    offset = camera.pixels(local) - center[:, None]
     pull = torch.einsum("vij,vpj->vpi", inverse, offset)
     raw = seen.opacities[:, None] * torch.exp(-0.5 * (pull * offset).sum(-1))
     blend = raw.clamp(max=MAX_BLEND)

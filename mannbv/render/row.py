@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from mannbv.camera import EDGE, NEAR, Camera, Panorama
+from mannbv import geometry
+from mannbv.camera import EDGE, LOW_PASS, NEAR, Camera
 from mannbv.geometry import Pose
 from mannbv.kernels import row
 from mannbv.splats import SplatMap
@@ -40,15 +41,14 @@ def serves(splat_map: SplatMap, *others: Tensor) -> bool:
     return splat_map.dim == 2 and plain and not any(t.requires_grad for t in others)
 
 
-def project(splat_map: SplatMap, camera: Camera | Panorama, pose: Pose) -> Row:
-    """Project a flatland map for the kernel."""
-    parts = [t.detach().double().numpy() for t in splat_map.tensors()]
-    rotation, position = pose.rotation.detach().double().numpy(), pose.position.detach().double().numpy()
-    limit = EDGE * camera.width / 2 / camera.focal
+def project(splat_map: SplatMap, camera: Camera, pose: Pose, around: bool = False) -> Row:
+    """Project a flatland map for the kernel; `around`: in all directions, u = focal · angle, without low pass."""
+    parts = [t.detach().double().cpu().numpy() for t in splat_map.tensors()]
+    rotation, position = pose.rotation.detach().double().cpu().numpy(), pose.position.detach().double().cpu().numpy()
+    limit, low_pass = EDGE * camera.width / 2 / camera.focal, 0.0 if around else LOW_PASS
     index, *image = row.project(
-        *parts[:3], rotation, position, camera.focal, camera.width, limit, NEAR, camera.low_pass,
-        isinstance(camera, Panorama),
-    )  # fmt: skip
+        *parts[:3], rotation, position, camera.focal, camera.width, limit, NEAR, low_pass, around
+    )
     opacity = 1 / (1 + np.exp(-parts[3][index]))
     return Row(index, *image, opacity, rotation[:, 1])
 
@@ -60,7 +60,7 @@ class _Render(torch.autograd.Function):
     def forward(ctx, means, log_scales, rotations, logits, colors, camera, pose, cutoff, floor):
         seen = project(SplatMap(means, log_scales, rotations, logits, colors), camera, pose)
         values = np.concatenate([colors.detach().double().numpy()[seen.index], seen.depth[:, None]], 1)
-        image = row.composite(*seen.shape(), values, camera.width, cutoff, floor, False)
+        image = row.composite(*seen.shape(), values, camera.width, cutoff, floor)
         ctx.save_for_backward(means, log_scales, rotations, logits, colors)
         ctx.kept = seen, values, image, camera.width, cutoff, floor
         return torch.from_numpy(image).to(means)
@@ -106,13 +106,25 @@ def fisher(
 
 
 def densities(
-    joint: SplatMap, panorama: Panorama, pose: Pose, worth: Tensor, sigma_color, sigma_depth, cutoff=CUTOFF, floor=FLOOR
-) -> np.ndarray:
-    """Gain a panorama column (W, 4), float64; worth (n, 9): v / (H + λ), 0 for splats that only occlude."""
-    seen = project(joint, panorama, pose)
-    colors = joint.colors.detach().double().numpy()[seen.index]
-    relative = joint.means.detach().double().numpy()[seen.index] - pose.position.double().numpy()
-    return row.densities(
-        *seen.shape(), relative, seen.chain, colors, worth.detach().double().numpy()[seen.index], panorama.width,
-        float(sigma_color), float(sigma_depth), cutoff, floor,
-    ).T  # fmt: skip
+    joint: SplatMap, camera: Camera, position, worth: Tensor, slants: np.ndarray, columns: int,
+    sigma_color, sigma_depth, cutoff=CUTOFF, floor=FLOOR,
+) -> np.ndarray:  # fmt: skip
+    """What a pixel would gain in every direction, for each of some places in the image: (slants · columns, 4).
+
+    worth (n, 9): v / (H + λ), 0 for splats that only occlude. slants: tan φ of the places. Columns and the four
+    densities are the kernel's; any precision and device comes in, float64 comes out.
+    """
+    pose = geometry.yaw_pose(torch.as_tensor(position).detach().double().cpu(), 0.0)
+    seen = project(joint, camera, pose, around=True)
+    colors = joint.colors.detach().double().cpu().numpy()[seen.index]
+    relative = joint.means.detach().double().cpu().numpy()[seen.index] - pose.position.numpy()
+    splats = seen.u / camera.focal, seen.var, seen.opacity, relative, seen.chain, colors
+    worth = worth.detach().double().cpu().numpy()[seen.index]
+    noise = np.array([sigma_color, sigma_depth], float)
+    parts = [
+        row.densities(
+            *splats, worth, camera.focal, columns, float(slant), LOW_PASS / (1 + slant**2) ** 2, noise, cutoff, floor
+        )
+        for slant in slants
+    ]
+    return np.concatenate(parts)

@@ -1,0 +1,202 @@
+"""The command line: `python -m mannbv scenes | compare SCENE | tables RUN…`.
+
+Any error is one line on standard error and exit status 2; Ctrl-C ends with 130. What a command needs is imported when
+it runs, so that --help comes at once.
+"""
+
+import argparse
+import contextlib
+import logging
+import math
+import os
+import sys
+import warnings
+from pathlib import Path
+
+PRESETS = {"quick": {}, "paper": {"image_width": 800, "image_height": 800}}
+FIGURE = "figure.png"
+
+
+class _UsageError(ValueError):
+    """What was typed cannot be understood."""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message):
+        raise _UsageError(f"{message}; see {self.prog} --help")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one command; returns the exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError, ValueError):
+            stream.reconfigure(errors="replace")  # a terminal without ± or ↑ shows "?"
+    parser = _parser()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            arguments = parser.parse_args(argv)
+            logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it announces the building of its font cache
+            return arguments.command(arguments)
+    except SystemExit as end:  # --help
+        return int(end.code or 0)
+    except KeyboardInterrupt:
+        print("mannbv: stopped; the same command resumes", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # whoever read our output has left
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        return _fail(f"{where}{error.strerror or error}; check the path")
+    except (ValueError, MemoryError) as error:
+        return _fail(str(error) or type(error).__name__)
+    except Exception as error:
+        if os.environ.get("MANNBV_DEBUG"):
+            raise
+        return _fail(f"a fault in mannbv itself ({type(error).__name__}: {error}); MANNBV_DEBUG=1 shows where")
+
+
+def _fail(message: str) -> int:
+    print("mannbv: " + " ".join(message.split()), file=sys.stderr)
+    return 2
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="mannbv", description="Multi-robot next-best-view planning on Gaussian-splat maps.")
+    commands = parser.add_subparsers(dest="name", required=True, metavar="COMMAND")
+
+    scenes = commands.add_parser("scenes", help="the bundled scenes, a line each")
+    scenes.set_defaults(command=_scenes)
+
+    compare = commands.add_parser(
+        "compare",
+        help="the strategies on one scene: tables, a figure, results.json",
+        description="Run the strategies on one scene; print the paper's tables; write results.json and figure.png. "
+        "What was interrupted resumes, what is finished is kept.",
+    )
+    compare.add_argument("scene", metavar="SCENE", help="a bundled name, a plan (.json) or a ROS map (.yaml)")
+    compare.add_argument("--dim", type=int, choices=(2, 3), default=2, help="2: flatland; 3: not in this version yet")
+    compare.add_argument("--robots", type=int, default=5, metavar="N", help="robots in the team (default 5)")
+    compare.add_argument("--strategies", default="all", metavar="all|A,B", help="which strategies (default all)")
+    compare.add_argument(
+        "--seeds", type=int, default=1, metavar="N", help="seeds 0 … N−1; intervals from 2 on (default 1)"
+    )
+    compare.add_argument(
+        "--preset",
+        choices=sorted(PRESETS),
+        default="quick",
+        help="quick (default): 64 px images; paper: 800 px as in the paper, which takes about PAPER_COST times as long",
+    )
+    compare.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="change a constant, as often as you like"
+    )
+    compare.add_argument("--workers", type=int, default=2, metavar="N", help="processes side by side (default 2)")
+    compare.add_argument("--out", metavar="DIR", help="where to write (default out/compare-<scene>)")
+    compare.set_defaults(command=_compare)
+
+    tables = commands.add_parser("tables", help="the paper's tables from saved runs")
+    tables.add_argument("runs", nargs="+", metavar="RUN", help="results.json, a run's .npz, or a folder of them")
+    tables.add_argument("--format", choices=("text", "csv", "latex"), default="text", help="csv: one line a robot")
+    tables.set_defaults(command=_tables)
+    return parser
+
+
+def _scenes(arguments) -> int:
+    from mannbv import world
+
+    found = world.scenes()
+    width = max(len(scene.name) for scene in found)
+    for scene in found:
+        print(f"{scene.name:{width}}  {scene.area:4.0f} m²  {scene.description}")
+    return 0
+
+
+def _compare(arguments) -> int:
+    if arguments.dim == 3:
+        raise _UsageError("compare: 3-D scenes are not part of this version yet; use --dim 2")
+    for name, least in (("robots", 1), ("seeds", 1), ("workers", 1)):
+        if getattr(arguments, name) < least:
+            raise _UsageError(f"compare: --{name} must be at least {least}, got {getattr(arguments, name)}")
+    from mannbv import draw, study, team, world
+
+    config = _config(arguments.preset, arguments.set)
+    strategies = None if arguments.strategies == "all" else [s.strip() for s in arguments.strategies.split(",")]
+    place = world.load(arguments.scene)
+    out = Path(arguments.out or f"out/compare-{place.name}")
+    n_strategies = len(set(strategies or team.STRATEGIES))
+    with study.Meter() as meter:
+        outcome = study.compare(
+            place, strategies, arguments.seeds, arguments.robots, config, out, arguments.workers, meter
+        )
+    results = outcome.results
+    if results["rows"]:
+        _print_tables(results)
+        figure = draw.compare_figure(results, *_shown(outcome, place))
+        draw.save(figure, out / FIGURE)
+        print(f"Figure:  {out / FIGURE}\nResults: {out / 'results.json'}")
+    if outcome.failures:
+        sys.stdout.flush()
+        raise ValueError(
+            f"compare: {len(outcome.failures)} of {n_strategies * arguments.seeds} episodes failed: "
+            + "; ".join(outcome.failures)
+        )
+    return 0
+
+
+def _shown(outcome, place):
+    """The record that the figure shows, of a distributed team if there is one, and its world."""
+    from mannbv import episode
+
+    done = list(dict.fromkeys((row["strategy"], row["seed"]) for row in outcome.results["rows"]))
+    strategy, seed = min(done, key=lambda run: (run[0] != "distributed", done.index(run)))
+    record = outcome.record(strategy, seed)
+    return record, episode.draw_team(place, record.n_robots, seed, record.config)
+
+
+def _config(preset: str, changes: list[str]):
+    """The constants of a preset with NAME=VALUE changes. Raises ValueError, naming the change and the remedy."""
+    from mannbv.config import Config
+
+    values = dict(PRESETS[preset])
+    for change in changes:
+        name, equals, text = change.partition("=")
+        name = name.strip()
+        if name not in Config.__dataclass_fields__ or not equals:
+            raise _UsageError(f"--set {change}: give NAME=VALUE with a constant's name, such as --set level=0.05")
+        default = getattr(Config(), name)
+        try:
+            values[name] = type(default)(text.strip())
+        except ValueError:
+            kind = "a whole number" if isinstance(default, int) else "a number"
+            raise _UsageError(f"--set {change}: {name} is {kind}, such as {default}") from None
+        if isinstance(default, float) and not math.isfinite(values[name]):
+            raise _UsageError(f"--set {change}: {name} must be finite, such as {default:g}")
+    return Config().replace(**values)
+
+
+def _tables(arguments) -> int:
+    from mannbv import study
+
+    merged, left_out = study.gather(arguments.runs)
+    if arguments.format == "csv":
+        print(study.as_csv(*merged), end="")
+    elif arguments.format == "latex":
+        print("\n\n".join(study.as_latex(table) for results in merged for table in study.tables(results)))
+    else:
+        for results in merged:
+            _print_tables(results)
+    for line in left_out:
+        print(f"mannbv: {line}", file=sys.stderr)
+    return 0
+
+
+def _print_tables(results: dict) -> None:
+    from mannbv import study
+
+    for table in study.tables(results):
+        print(study.as_text(table), end="\n\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,71 @@
+"""Algorithm 1, top to bottom: one planning cycle of the whole team.
+
+Observe → fit → plan → share → evaluate → agree → move. Each stage takes a robot's earlier values and what it received,
+and returns a new record; after evaluate a map is only carried forward. Only share and agree communicate.
+"""
+
+import time
+
+import numpy as np
+
+from mannbv import messages, objective
+from mannbv.team.agreement import agree, suggest
+from mannbv.team.robots import Mission, Robot
+from mannbv.team.stages import move, observe, plan
+from mannbv.team.strategies import REGISTRY
+
+
+def cycle(robots: list[Robot], mission: Mission, post: messages.Post, number: int) -> tuple[list[Robot], dict]:
+    """One planning cycle of the whole team (Algorithm 1): the robots after it, and a plain record of what happened."""
+    strategy, clock = REGISTRY[mission.strategy], _Clock()
+    robots = [observe(robot, mission, number) for robot in robots]  # "update G_i" of the cycle before, line 20
+    clock.mark("map")
+    robots = [plan(robot, mission, number) for robot in robots]  # T_i, P_i: the input, line 1
+    clock.mark("plan")
+    robots = strategy.share(robots, mission, post, number)  # lines 4-5
+    clock.mark("share")
+    gains = np.stack([strategy.evaluate(robot, mission) for robot in robots])  # Π_k on G_i, line 6, and with it F_i
+    clock.mark("evaluate")
+    suggestions = suggest(robots, gains, mission, post, number)
+    solver = strategy.solver or mission.config.solver
+    yaws, residuals = agree(robots, gains, mission, post, number, solver)  # lines 3 and 8-17, T_i*, line 19
+    clock.mark("agree")
+    report = {
+        "cycle": number,
+        "robots": [_describe(robot, yaw) for robot, yaw in zip(robots, yaws, strict=True)],
+        "suggestions": suggestions,
+        "residuals": residuals,
+        "team_gain": objective.team(gains, yaws),
+        "best_gain": float(gains.sum(0).max(1).sum()),
+        "own_gain": objective.team(gains, np.array([robot.announced for robot in robots])),
+    }
+    robots = [move(robot, float(yaw), mission, number) for robot, yaw in zip(robots, yaws, strict=True)]  # line 20
+    clock.mark("move")
+    return robots, report | {"seconds": clock.spent}
+
+
+def _describe(robot: Robot, yaw: float) -> dict:
+    view = robot.plans.get(robot.index)
+    return {
+        "position": robot.position.tolist(),
+        "yaw": robot.yaw,
+        "status": robot.status,
+        "splats": robot.local.splats.n_splats,
+        "guests": robot.guests.splats.n_splats,
+        "view": None if view is None else view.position.tolist(),
+        "announced": robot.announced,
+        "chosen": float(yaw),
+        "path": [] if view is None else view.path.tolist(),
+        "subgoals": [] if robot.route is None else robot.route.candidates.tolist(),
+    }
+
+
+class _Clock:
+    """Seconds spent in each stage."""
+
+    def __init__(self):
+        self.spent, self._last = {}, time.perf_counter()
+
+    def mark(self, stage: str) -> None:
+        now = time.perf_counter()
+        self.spent[stage], self._last = now - self._last, now
