@@ -91,7 +91,9 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="change a constant, as often as you like"
     )
-    compare.add_argument("--workers", type=int, default=2, metavar="N", help="processes side by side (default 2)")
+    compare.add_argument(
+        "--workers", type=int, default=2, metavar="N", help="processes side by side; 0: none (default 2)"
+    )
     compare.add_argument("--out", metavar="DIR", help="where to write (default out/compare-<scene>)")
     compare.set_defaults(command=_compare)
 
@@ -115,7 +117,7 @@ def _scenes(arguments) -> int:
 def _compare(arguments) -> int:
     if arguments.dim == 3:
         raise _UsageError("compare: 3-D scenes are not part of this version yet; use --dim 2")
-    for name, least in (("robots", 1), ("seeds", 1), ("workers", 1)):
+    for name, least in (("robots", 1), ("seeds", 1), ("workers", 0)):
         if getattr(arguments, name) < least:
             raise _UsageError(f"compare: --{name} must be at least {least}, got {getattr(arguments, name)}")
     from mannbv import draw, study, team, world

@@ -72,7 +72,7 @@ def load(path) -> Record:
     if not path.is_file():
         raise RecordError(f"{path}: no such record")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             about = json.loads(bytes(archive["about"]).decode())
             robots = tuple(_unpack(k, archive) for k in range(about["n_robots"]))
         return Record(

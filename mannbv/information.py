@@ -195,6 +195,7 @@ class YawProfile:
     gains: np.ndarray
     evaluate: Callable[[float], tuple[float, float]]
 
+    @torch.no_grad()  # so that separate views take the renderer that `gains` took
     def gain_at(self, yaw: float) -> float:
         return self.evaluate(yaw)[0]
 

@@ -36,3 +36,9 @@ def _seeded():
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(0)
+
+
+@pytest.fixture
+def unchecked(monkeypatch):
+    """Without the shape checks, which would catch a wrong shape before the library's own message does."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)

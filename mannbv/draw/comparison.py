@@ -44,8 +44,8 @@ def compare_figure(results: dict, record: Record, world) -> Figure:
             spot = left + column * (width + 0.4), top + row * (tall + _GAP), width, tall
             scores(placed(made, *spot), results, *panel, shown=record.strategy, named=column == 0)
         team.beliefs(made, shot, whole, below)
-        dots = "seeds; bars: 95 % intervals" if several else "robots"
-        team.key(made, f"Upper right, diamonds: means; dots: {dots}. {team.shown(record, shot)}")
+        dots = "seeds, bars 95 % intervals" if several else "robots"
+        team.key(made, f"Upper right: diamonds are means, dots {dots}. {team.shown(record, shot)}")
     return made
 
 

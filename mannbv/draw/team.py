@@ -138,8 +138,8 @@ def headline(made: Figure, text: str) -> None:
 def shown(record: Record, shot: Snapshot) -> str:
     """Which moment the beliefs show."""
     return (
-        f"Below: {record.strategy}. Paths, masked zones and views were planned in cycle {shot.cycle + 1} of "
-        f"{len(record.cycles)}; maps and risk are those at the end."
+        f"Lower rows ({record.strategy}): paths, masked zones and views as planned in cycle {shot.cycle + 1} of "
+        f"{len(record.cycles)}, on the maps and with the risk of the end."
     )
 
 

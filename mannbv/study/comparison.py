@@ -1,6 +1,7 @@
 """Several strategies on one scene over several seeds: the main job."""
 
 import dataclasses
+import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -72,8 +73,8 @@ def compare(
     workers: processes side by side (0: none but this one). progress(Progress) is called after each cycle of any run.
     The same call resumes what was interrupted and keeps what is finished; results.json tells of all finished runs in
     the folder. An episode that fails is named in `Outcome.failures` and costs no other.
-    Raises ValueError for a bad scene, strategy, team or constant, StudyError if `out` holds another comparison, OSError
-    if it cannot be written.
+    Raises ValueError for a bad scene, strategy, team or constant; StudyError, a ValueError, if `out` holds another
+    comparison or cannot be written.
     """
     config, folder = config or Config(), Path(out)
     names = list(dict.fromkeys(team.STRATEGIES if strategies is None else strategies))
@@ -81,7 +82,7 @@ def compare(
     place = scene if hasattr(scene, "sense") else world.load(scene)
     check(place, names, numbers, n_robots, config)
     found = _finished(folder, place, n_robots, config)
-    run_file(folder, "", 0).parent.mkdir(parents=True, exist_ok=True)
+    _make(folder)
     jobs = [
         Job(place, name, seed, n_robots, config, run_file(folder, name, seed))
         for seed in numbers
@@ -125,6 +126,16 @@ def check(place, strategies: list[str], seeds: list[int], n_robots: int, config:
         raise StudyError("compare: needs at least one seed, and none below 0")
     Camera.from_fov(config.image_width, None, config.fov)
     episode.draw_team(place, n_robots, seeds[0], config)
+
+
+def _make(folder: Path) -> None:
+    runs = run_file(folder, "", 0).parent
+    try:
+        runs.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=runs):
+            pass
+    except OSError as error:
+        raise StudyError(f"{folder}: cannot be written ({error.strerror or error}); choose another --out") from None
 
 
 def _finished(folder: Path, place, n_robots: int, config: Config) -> dict[tuple[str, int], list[dict]]:

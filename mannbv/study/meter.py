@@ -7,6 +7,8 @@ from tqdm import tqdm
 
 from mannbv.study.comparison import Progress
 
+_LINES = 20
+
 
 class Meter:
     """Shows a study's progress on a stream (standard error): a bar on a terminal, elsewhere a line an episode.
@@ -61,6 +63,9 @@ class Meter:
                 continue
             self._told.add(key)
             words = [f"{tick.at_goal}/{progress.n_robots} robots at their goals, {tick.cycles} cycles"]
+            count, every = len(progress.ticks), max(1, len(progress.ticks) // _LINES)
+            if tick.fault is None and len(self._told) % every and len(self._told) < count:
+                continue  # of many episodes only some are told, and all that fail
             words = ["failed"] if tick.fault is not None else words
-            words += [f"{len(self._told)}/{len(progress.ticks)} episodes", self.left(progress)]
+            words += [f"{len(self._told)}/{count} episodes", self.left(progress)]
             print(f"{tick.strategy}, seed {tick.seed}: {', '.join(filter(None, words))}", file=self.stream, flush=True)

@@ -28,6 +28,7 @@ class _Column:
     head: tuple[str, ...]
     scale: float = 1.0
     decimals: int | None = 2  # None: three digits or more
+    spread: bool = True  # with its interval
 
 
 def tables(results: dict) -> list[Table]:
@@ -80,7 +81,7 @@ def bytes_tables(results: dict) -> list[Table]:
     used = [k for k in kinds if any(s.get(k, {}).get("mean", 0) > 0 for s in summary.values())]
     columns = [
         _Column("bytes_sent", ("all", "", "[KB]"), team, None),
-        *(_Column(kind, (kind.removeprefix("bytes_"), "", "[KB]"), team, None) for kind in used),
+        *(_Column(kind, (kind.removeprefix("bytes_"), "", "[KB]"), team, None, False) for kind in used),
         _Column("bytes_paper", ("paper's count", "", "[KB]"), team, None),
         _Column("paper_per_cycle_b", ("paper's count", "a cycle", "[KB]"), _KB, None),
     ]
@@ -105,7 +106,7 @@ def _cell(metrics: dict, column: _Column) -> str:
     if decimals is None:
         decimals = next((k for k, least in enumerate((99.95, 9.995)) if abs(mean) >= least or mean == 0), 2)
     text = f"{mean:,.{decimals}f}"
-    if entry["interval"]:
+    if entry["interval"] and column.spread:
         half = (entry["interval"][1] - entry["interval"][0]) / 2 * column.scale
         text += f" ± {half:,.{decimals}f}"
     return text

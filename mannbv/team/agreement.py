@@ -66,7 +66,7 @@ def suggest(robots: list[Robot], gains: np.ndarray, mission: Mission, post: mess
         for k in sorted(set(robot.plans) - {robot.index}):
             row, yaw = gains[robot.index, k], best_yaw(gains[robot.index, k])
             if row.max() > 0:
-                at_announced = consensus.interpolate(row, robot.plans[k].yaw)
+                at_announced = consensus.interpolate(row, [robot.plans[k].yaw])[0]
                 note = messages.Suggestion(robot.index, cycle, k, yaw, float(row.max()), float(at_announced), largest)
                 post.relay(way(mission, robot.index, k), note, cycle)
                 rows.append([robot.index, k, yaw, float(row.max())])

@@ -1,0 +1,168 @@
+"""The loop, its record, and what survives a kill."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from mannbv import episode, world
+from mannbv.config import Config
+
+SMALL = Config(image_width=32, fit_steps=4, max_cycles=3, n_yaws=72, rounds=6, n_subgoals=2)
+
+
+def without_times(record: episode.Record) -> str:
+    cycles = [{k: v for k, v in cycle.items() if k != "seconds"} for cycle in record.cycles]
+    rows = [{k: v for k, v in row.items() if k != "seconds"} for row in record.rows]
+    return json.dumps([cycles, rows, record.ledger.to_json(), record.finished])
+
+
+def same_robots(a: episode.Record, b: episode.Record) -> bool:
+    packed = [[episode._pack(robot) for robot in record.robots] for record in (a, b)]
+    return all(
+        p.keys() == q.keys() and all(np.array_equal(p[k], q[k]) for k in p) for p, q in zip(*packed, strict=True)
+    )
+
+
+@pytest.mark.parametrize("strategy", ["limited", "centralized"])
+def test_a_run_resumed_after_any_cycle_is_the_run_itself(tmp_path, strategy):
+    snapshots = []
+
+    def keep(record):
+        path = tmp_path / f"{len(snapshots)}.npz"
+        record.save(path)
+        snapshots.append(path)
+
+    config = SMALL.replace(depth_noise=0.01, color_noise=0.02)
+    whole = episode.run("flat", strategy, config, seed=1, n_robots=2, progress=keep)
+    assert len(snapshots) == 4  # three cycles and the scores
+    for path in snapshots:
+        resumed = episode.run("flat", strategy, config, seed=1, n_robots=2, path=path)
+        assert without_times(resumed) == without_times(whole)
+        assert same_robots(resumed, whole)
+
+
+def test_the_same_seed_gives_the_same_record_and_another_one_does_not():
+    config = SMALL.replace(max_cycles=1)
+    runs = [episode.run("flat", "distributed", config, seed=s, n_robots=2) for s in (3, 3, 4)]
+    assert without_times(runs[0]) == without_times(runs[1])
+    assert without_times(runs[0]) != without_times(runs[2])
+
+
+def test_saving_and_loading_keeps_every_number(tmp_path):
+    record = episode.run("flat", "limited", SMALL.replace(max_cycles=1), n_robots=2)
+    record.save(tmp_path / "run.npz")
+    again = episode.load(tmp_path / "run.npz")
+    assert without_times(again) == without_times(record)
+    assert same_robots(again, record)
+    assert again.config == record.config
+
+
+def test_robots_reach_their_goals_and_the_scores_hold_together():
+    """One whole small episode: two robots in the flat, single strategy, to the end."""
+    config = Config(image_width=48, fit_steps=8, max_cycles=40, n_subgoals=2)
+    record = episode.run("flat", "single", config, n_robots=2)
+    place = world.load("flat")
+    for robot, row in zip(record.robots, record.rows, strict=True):
+        assert row["reached"] and row["fate"] == "reached"
+        assert np.linalg.norm(robot.position - place.goals[robot.index]) <= config.reach
+        length = np.linalg.norm(np.diff(robot.trail, axis=0), axis=1).sum()
+        assert row["path_length_m"] == pytest.approx(length)
+        assert row["min_clearance_m"] == pytest.approx(place.clearance(robot.trail).min())
+        assert row["min_clearance_m"] >= config.robot_radius and row["collisions"] == 0
+        shortest = place.shortest_path(place.starts[robot.index], place.goals[robot.index], config.robot_radius)
+        best = np.linalg.norm(np.diff(shortest, axis=0), axis=1).sum()
+        assert row["spl"] == pytest.approx(best / max(best, length))
+        assert row["bytes_sent"] == row["bytes_received"] == 0
+        assert 0 < row["coverage"] <= 1 and 10 < row["psnr_db"] < 40 and 0 < row["depth_mae_m"] < 1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"strategy": "telepathy"}, "telepathy"),
+        ({"n_robots": 0}, "at least one robot"),
+        ({"n_robots": 11}, "11 robots"),
+        ({"seed": -1}, "seed"),
+        ({"config": SMALL.replace(network="web")}, "web"),
+        ({"config": SMALL.replace(solver="dice", max_cycles=1)}, "dice"),
+        ({"config": SMALL.replace(measure="luck", max_cycles=1)}, "luck"),
+        ({"scene": "atlantis"}, "atlantis"),
+    ],
+)
+def test_bad_requests_are_named_in_one_line(change, words):
+    request = {"scene": "flat", "strategy": "distributed", "config": SMALL, "seed": 0, "n_robots": 2} | change
+    scene, strategy = request.pop("scene"), request.pop("strategy")
+    with pytest.raises(ValueError, match=words) as caught:
+        episode.run(scene, strategy, **request)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("fault", ["missing", "empty", "truncated", "pickle", "other run", "text"])
+def test_bad_records_are_named_and_nothing_in_them_runs(tmp_path, fault):
+    path = tmp_path / "run.npz"
+    config = SMALL.replace(max_cycles=0)
+    if fault != "missing":
+        episode.run("flat", "single", config, n_robots=1, path=path)
+    whole = path.read_bytes() if path.exists() else b""
+    if fault == "empty":
+        path.write_bytes(b"")
+    if fault == "truncated":
+        path.write_bytes(whole[: len(whole) // 2])
+    if fault == "text":
+        path.write_text("not a record")
+    if fault == "pickle":
+        np.savez(path, about=np.array([print], dtype=object))
+    with pytest.raises(episode.RecordError) as caught:
+        episode.load(path) if fault != "other run" else episode.run("flat", "single", config, 1, 1, path)
+    assert "run.npz" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_save_that_dies_half_way_leaves_the_old_record_whole(tmp_path, monkeypatch):
+    path = tmp_path / "run.npz"
+    record = episode.run("flat", "single", SMALL.replace(max_cycles=0), n_robots=1, path=path)
+
+    def die(file, **arrays):
+        file.write(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(np, "savez_compressed", die)
+    with pytest.raises(KeyboardInterrupt):
+        record.save(path)
+    assert without_times(episode.load(path)) == without_times(record)
+
+
+def test_an_unreachable_goal_is_refused_before_anything_runs(place_with_island):
+    with pytest.raises(ValueError, match="outside the building"):
+        episode.run(place_with_island, "single", SMALL, n_robots=1)
+
+
+@pytest.fixture
+def place_with_island():
+    """The flat with its first goal outside the building."""
+    import dataclasses
+
+    place = world.load("flat")
+    goals = place.goals.copy()
+    goals[0] = place.upper + 1.0
+    return dataclasses.replace(place, goals=goals)
+
+
+def test_a_robot_without_a_way_says_why():
+    """Shut in by its own margin, a robot is stuck, not lost: the episode ends and names it."""
+    record = episode.run("flat", "single", SMALL.replace(margin=3.0, max_cycles=10), n_robots=1)
+    assert len(record.cycles) == 3
+    assert record.rows[0]["fate"] == "no frontier left to go to" and not record.rows[0]["reached"]
+    assert record.rows[0]["path_overhead"] is None
+    assert json.loads(json.dumps(record.rows[0]))["total_risk_m"] is None
+
+
+def test_noise_reaches_the_map():
+    quiet, loud = (
+        episode.run("flat", "single", SMALL.replace(max_cycles=1, depth_noise=noise), n_robots=1)
+        for noise in (0.0, 0.05)
+    )
+    assert not torch.equal(quiet.robots[0].local.splats.means[:50], loud.robots[0].local.splats.means[:50])
+    assert math.isfinite(loud.rows[0]["depth_mae_m"])
