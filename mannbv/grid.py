@@ -91,8 +91,9 @@ class Occupancy:
 
     def cropped(self, points, margin: float) -> "Occupancy":
         """Only the box around the known cells and the given points (k, ≥ 2) [m], `margin` [m] wider on every side."""
-        known = np.argwhere(self.log_odds != 0)
-        cells = np.concatenate([known, self.lattice.index(points)])
+        known = self.log_odds != 0
+        along = [np.flatnonzero(known.any(1 - axis))[[0, -1]] for axis in (0, 1)] if known.any() else np.zeros((2, 0))
+        cells = np.concatenate([np.stack(along, 1), self.lattice.index(points)]).astype(int)
         rim = int(np.ceil(margin / self.lattice.cell))
         low = np.clip(cells.min(0) - rim, 0, np.array(self.lattice.shape) - 1)
         high = np.clip(cells.max(0) + rim + 1, low + 1, self.lattice.shape)

@@ -52,25 +52,35 @@ def compare_figure(results: dict, record: Record, world) -> Figure:
 def scores(
     ax: Axes, results: dict, key: str, title: str, unit: str, factor, log: bool, shown: str, named: bool
 ) -> None:
-    """One score of every strategy: its mean, the 95 % interval where there are several seeds, and the single values."""
-    names = list(results["summary"])
+    """One score of every strategy: its mean, the 95 % interval where there are several seeds, and the single values.
+
+    The axis spans values and means; an interval that reaches further ends in an arrow.
+    """
+    names, several = list(results["summary"]), len(results["seeds"]) > 1
     teams = study.per_seed(results["rows"])
-    for k, name in enumerate(names):
-        if key in results["rows"][0] and len(results["seeds"]) == 1:
-            values = [row[key] for row in results["rows"] if row["strategy"] == name and row.get(key) is not None]
-        else:
-            values = [values[key] for values in teams[name].values() if values.get(key) is not None]
-        ax.plot(np.array(values) * factor, np.full(len(values), k), "o", color=PALE, markersize=4, alpha=0.55, mew=0)
-        entry = results["summary"][name].get(key)
+    entries = [results["summary"][name].get(key) for name in names]
+    dots = []
+    for name in names:
+        units = teams[name].values() if several else (row for row in results["rows"] if row["strategy"] == name)
+        dots.append(np.array([values[key] for values in units if values.get(key) is not None]) * factor)
+    spread = np.concatenate([*dots, [entry["mean"] * factor for entry in entries if entry]])
+    low, high = _limits(spread, log)
+    for k, (name, entry) in enumerate(zip(names, entries, strict=True)):
+        color = COLORS[1] if name == shown else INK
+        ax.plot(dots[k], np.full(len(dots[k]), k), "o", color=PALE, markersize=4, alpha=0.55, mew=0)
         if entry is None:
             ax.annotate("none", (0.02, k), xycoords=("axes fraction", "data"), va="center", color=PALE, fontsize=8)
             continue
-        color = COLORS[1] if name == shown else INK
         if entry["interval"]:
-            ax.plot(np.array(entry["interval"]) * factor, [k, k], color=color, linewidth=2)
-        ax.plot(entry["mean"] * factor, k, "D", color=color, markersize=6.5, zorder=3)
+            ends = np.array(entry["interval"]) * factor
+            ax.plot(np.clip(ends, low, high), [k, k], color=color, linewidth=2)
+            for end, edge, arrow in ((low - ends[0], low, "<"), (ends[1] - high, high, ">")):
+                if end > 0 and not (log and edge == 0):
+                    ax.plot(edge, k, arrow, color=color, markersize=6, clip_on=False)
+        ax.plot(entry["mean"] * factor, k, "D", color=color, markersize=6.5, zorder=3, clip_on=False)
     if log:
         ax.set_xscale("symlog", linthresh=100)
+    ax.set_xlim(low, high)
     ax.set_ylim(len(names) - 0.5, -0.5)
     ax.set_yticks(range(len(names)), names if named else [])
     for name, tick in zip(names, ax.get_yticklabels(), strict=False):
@@ -79,3 +89,11 @@ def scores(
     ax.set_xlabel(unit)
     ax.grid(axis="x", color="#dddddd", linewidth=0.6)
     ax.set_axisbelow(True)
+
+
+def _limits(values: np.ndarray, log: bool) -> tuple[float, float]:
+    if log:
+        return 0.0, max(3.0 * float(values.max(initial=0.0)), 1000.0)
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
+    room = 0.35 * (high - low) or 0.1 * abs(high) or 1.0
+    return low - room, high + room

@@ -83,9 +83,12 @@ class Robot:
         return self.plans[self.index].yaw if self.index in self.plans else self.yaw
 
     def belief(self) -> Belief:
-        """What it may evaluate on: its own map and its guests, its own ground and the grids it was sent."""
+        """What it may evaluate on: its own map and its guests, its own ground and the grids it was sent.
+
+        The ground is cut to what is known, its own place and its goal, with a metre around.
+        """
         both = splats.union(self.local.splats, self.guests.splats)
-        ground = self.ground.merged(*self.heard.values())
+        ground = self.ground.merged(*self.heard.values()).cropped(np.stack([self.position, self.goal]), 1.0)
         return Belief(both, torch.cat([self.local.prior, self.guests.prior]), ground)
 
 

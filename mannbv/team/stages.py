@@ -34,8 +34,7 @@ def plan(robot: Robot, mission: Mission, cycle: int) -> Robot:
     if robot.status == "reached":
         return robot.replace(route=None, plans={})
     belief = robot.belief()
-    ground = belief.occupancy.cropped(np.stack([robot.position, robot.goal])[:, :2], 1.0)
-    arguments = belief.splats, belief.prior, ground, camera, robot.position, robot.goal, config
+    arguments = belief.splats, belief.prior, belief.occupancy, camera, robot.position, robot.goal, config
     route = planner.plan(*arguments, tried=robot.tried) or planner.plan(*arguments)
     if route is None:
         here = messages.Plan(robot.index, cycle, robot.position, robot.yaw, robot.position[None])
