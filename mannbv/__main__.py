@@ -86,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
         "--preset",
         choices=sorted(PRESETS),
         default="quick",
-        help="quick (default): 64 px images; paper: 800 px as in the paper, which takes about PAPER_COST times as long",
+        help="quick (default): 64 px images; paper: 800 px as in the paper, which takes about three times as long",
     )
     compare.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="change a constant, as often as you like"
@@ -120,7 +120,7 @@ def _compare(arguments) -> int:
     for name, least in (("robots", 1), ("seeds", 1), ("workers", 0)):
         if getattr(arguments, name) < least:
             raise _UsageError(f"compare: --{name} must be at least {least}, got {getattr(arguments, name)}")
-    from mannbv import draw, study, team, world
+    from mannbv import study, team, world
 
     config = _config(arguments.preset, arguments.set)
     strategies = None if arguments.strategies == "all" else [s.strip() for s in arguments.strategies.split(",")]
@@ -134,6 +134,8 @@ def _compare(arguments) -> int:
     results = outcome.results
     if results["rows"]:
         _print_tables(results)
+        from mannbv import draw
+
         figure = draw.compare_figure(results, *_shown(outcome, place))
         draw.save(figure, out / FIGURE)
         print(f"Figure:  {out / FIGURE}\nResults: {out / 'results.json'}")

@@ -23,8 +23,12 @@ def radius(risk, r_min: float = _DEFAULT.r_min, beta1: float = _DEFAULT.beta1, b
     return r_min + beta1 * torch.exp(-beta2 * torch.as_tensor(risk))
 
 
-def zone(splat_map: SplatMap, path: Float[Tensor, "k d"], radii: Float[Tensor, " k"]) -> Bool[Tensor, " n"]:
-    """Which splats' means lie in a ball B(p_k, r_k) around some waypoint, Eqs. (11), (12)."""
+def zone(splat_map: SplatMap, path, radii) -> Bool[Tensor, " n"]:
+    """Which splats' means lie in a ball B(p_k, r_k) around some waypoint, Eqs. (11), (12); path (k, d), radii (k,) [m].
+
+    Raises ValueError if the two lengths differ.
+    """
+    path, radii = torch.as_tensor(path), torch.as_tensor(radii)
     if len(path) != len(radii):
         raise ValueError(f"mask: {len(path)} waypoints but {len(radii)} radii")
     if not (len(path) and splat_map.n_splats):
@@ -35,7 +39,7 @@ def zone(splat_map: SplatMap, path: Float[Tensor, "k d"], radii: Float[Tensor, "
 
 def proximity(
     splat_map: SplatMap,
-    path: Float[Tensor, "k d"],
+    path,
     occupancy: grid.Occupancy | None = None,
     gamma1: float = _DEFAULT.gamma1,
     gamma2: float = _DEFAULT.gamma2,
@@ -46,6 +50,7 @@ def proximity(
     The graph distance [m] runs over known-free cells to the one nearest to the splat, then straight; unknown and
     occupied cells block, and a splat farther than `limit` [m] or cut off gets weight 0. Without an occupancy: straight.
     """
+    path = torch.as_tensor(path)
     if not (gamma1 > 0 and gamma2 >= 0):
         raise ValueError(f"mask: needs γ₁ > 0 and γ₂ ≥ 0, got {gamma1}, {gamma2}")
     if not (len(path) and splat_map.n_splats):

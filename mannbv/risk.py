@@ -86,7 +86,7 @@ register("mean", lambda mean, std, level: mean + 0 * std, linear=True)
 
 def field(
     splat_map: SplatMap,
-    points: Float[Tensor, "k d"],
+    points,
     level: float = _DEFAULT.level,
     measure: str = "avar",
     spread: str = "largest",
@@ -101,8 +101,9 @@ def field(
         raise ValueError(f"risk: no measure '{measure}'; known: {', '.join(MEASURES)}")
     if spread not in ("largest", "along"):
         raise ValueError(f"risk: spread must be 'largest' or 'along', got '{spread}'")
-    if points.shape[1] != splat_map.dim:
-        raise ValueError(f"risk: points are {points.shape[1]}-D, the map is {splat_map.dim}-D")
+    points = torch.as_tensor(points)
+    if points.ndim != 2 or points.shape[1] != splat_map.dim:
+        raise ValueError(f"risk: points must be (k, {splat_map.dim}) beside this map, got {tuple(points.shape)}")
     if not (splat_map.n_splats and len(points)):
         return torch.full((len(points),), math.inf).to(splat_map.means)
     inputs = (points, splat_map.means, splat_map.log_scales)

@@ -127,6 +127,9 @@ def load(path) -> SplatMap:
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             raise FormatError(f"{path}: {name} of splat {bad[0, 0]} is not finite; remove it or save the map again")
+    bad = np.flatnonzero(~fields["rotations"].any(1))
+    if len(bad):
+        raise FormatError(f"{path}: rotations of splat {bad[0]} is zero, no rotation; remove it or save the map again")
     return splat_map
 
 

@@ -62,7 +62,7 @@ def random_zone(rng, n):
     return Zone(torch.zeros(1), torch.zeros(1), torch.from_numpy(rng.random(n) < 0.7), weights)
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(seeds, dims, sizes)
 def test_owners_blocks_of_one_joint_rendering_add_up_to_the_central_gain(seed, dim, n_robots):
     """Eq. (19)."""
@@ -90,7 +90,7 @@ def test_blocks_rendered_alone_do_not_add_up_to_one_joint_rendering():
     assert apart > 5
 
 
-@settings(max_examples=80)
+@settings(max_examples=60)
 @given(seeds, dims, sizes, st.sampled_from(["avar", "var", "mean"]), st.sampled_from([0.05, 0.5, 0.9]))
 def test_a_robots_own_mask_lies_within_the_central_one(seed, dim, n_robots, measure, level):
     """Eq. (20)."""
@@ -116,7 +116,7 @@ def test_the_central_mask_is_sometimes_larger():
     assert larger > 3
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(seeds, dims, sizes)
 def test_the_distributed_gain_is_a_lower_bound(seed, dim, n_robots):
     """Eq. (22), by the paper's definition: blocks alone, own priors, weights from one common grid."""
@@ -134,12 +134,12 @@ KEEPS = {flags: not any(flags) for flags in COMBINATIONS}
 def tried():
     """(distributed, central) of every combination on random teams of flatland, where the kernel is fast."""
     sides = {flags: [] for flags in COMBINATIONS}
-    for seed in range(1000):
+    for seed in range(700):
         rng = np.random.default_rng(seed)
         beliefs, joint_priors, *view = random_team(rng, 2, int(rng.integers(2, 4)), torch.float32)
         distributed, central = objective.lower_bound(beliefs, *view, CONFIG)
         sides[False, False, False].append((distributed, central))
-        if seed >= 200:
+        if seed >= 250:
             continue
         own, _ = objective.lower_bound(beliefs, *view, CONFIG, own_weights=True)
         for joint, shared in itertools.product([False, True], repeat=2):
@@ -179,7 +179,7 @@ def counterexample(occluder: bool, teammate_looked: bool, own_grid: str | None):
     if own_grid == "a wall unknown to me":
         # I believe that the straight way is free; the teammate has seen a wall right across
         common[wall[0]] = 3.0
-    elif own_grid == "a door on the other side":
+    elif own_grid == "a room on the other side":
         # behind my waypoint two cells of wall, the splat in the second; a teammate knows a room beyond it
         own[wall[0]], own[beyond[0]] = 3.0, 3.0
         common[wall[0]], common[beyond[0]] = 3.0, 3.0
@@ -201,8 +201,11 @@ def test_which_combinations_keep_the_lower_bound(flags, tried):
     distributed, central = tried[flags].T
     broken = distributed > central * (1 + 1e-5) + 1e-9
     assert (distributed > 0).sum() >= 100
-    assert broken.any() != KEEPS[flags]
-    for grid_story in ["a wall unknown to me", "a door on the other side"] if own_weights else [None]:
+    if KEEPS[flags]:
+        assert not broken.any()
+    elif joint or shared:  # own grids alone break it for one random team in fifty: see their constructed teams
+        assert broken.mean() > 0.05
+    for grid_story in ["a wall unknown to me", "a room on the other side"] if own_weights else [None]:
         beliefs, joint_priors, view, *_ = counterexample(joint, shared, grid_story)
         priors = joint_priors if shared else None
         distributed, central = objective.lower_bound(beliefs, *view, joint, priors, own_weights)
@@ -216,7 +219,7 @@ def test_which_combinations_keep_the_lower_bound(flags, tried):
             assert distributed <= central * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("story", ["a wall unknown to me", "a door on the other side"])
+@pytest.mark.parametrize("story", ["a wall unknown to me", "a room on the other side"])
 def test_the_grids_of_the_counterexamples_tell_their_story(story):
     beliefs, _, (_, _, path, config), own, waypoint = counterexample(False, False, story)
     common = objective.pooled(beliefs).occupancy
@@ -224,11 +227,9 @@ def test_the_grids_of_the_counterexamples_tell_their_story(story):
     mine = objective.zone(beliefs[0], path, config).weights.item()
     central = objective.central_zones(beliefs, path, config)[0].weights.item()
     assert_allclose(mine, math.exp(-1.0))  # two cells of half a metre
-    if story == "a wall unknown to me":
-        assert central == 0.0  # beyond a wall without a gap
-    else:
-        assert central == 0.0  # its nearest free cell is now in the room beyond, which the waypoint does not reach
-        assert (own != beliefs[1].occupancy.log_odds).any()
+    # cut off: by the wall without a gap, or because the nearest free cell is now in the room beyond
+    assert central == 0.0
+    assert (own != beliefs[1].occupancy.log_odds).any()
 
 
 def test_the_teams_objective_by_hand(rng):

@@ -223,7 +223,7 @@ def test_what_the_field_refuses(rng):
         risk.field(splat_map, points, measure="doom")
     with pytest.raises(ValueError, match="spread must be 'largest' or 'along'"):
         risk.field(splat_map, points, spread="wide")
-    with pytest.raises(ValueError, match="points are 3-D, the map is 2-D"):
+    with pytest.raises(ValueError, match=r"points must be \(k, 2\)"):
         risk.field(splat_map, torch.zeros(1, 3))
     for spread in ("largest", "along"):
         with pytest.raises(ValueError, match="must be finite"):

@@ -175,6 +175,8 @@ def bad_npz(kind, path, good):
     elif kind == "NaN":
         fields["log_scales"] = np.where(np.arange(4)[:, None] == 2, np.nan, fields["log_scales"])
         np.savez(path, **fields)
+    elif kind == "no rotation":
+        np.savez(path, **{**fields, "rotations": np.zeros((4, 2))})
     elif kind == "infinite":
         np.savez(path, **{**fields, "means": np.where(np.eye(4)[:, :2] > 0, np.inf, 0.0)})
 
@@ -184,7 +186,7 @@ def bad_npz(kind, path, good):
     [
         "truncated", "damaged", "damaged and compressed", "empty", "no archive", "a bare array", "a pickle",
         "pickled arrays", "a field missing", "not arrays", "absurd count", "whole numbers", "a number", "too few rows",
-        "four dimensions", "NaN", "infinite", "missing",
+        "four dimensions", "NaN", "infinite", "no rotation", "missing",
     ],
 )  # fmt: skip
 def test_bad_npz_files_are_named_in_one_line(kind, rng, tmp_path, unchecked):

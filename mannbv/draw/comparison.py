@@ -44,7 +44,7 @@ def compare_figure(results: dict, record: Record, world) -> Figure:
             spot = left + column * (width + 0.4), top + row * (tall + _GAP), width, tall
             scores(placed(made, *spot), results, *panel, shown=record.strategy, named=column == 0)
         team.beliefs(made, shot, whole, below)
-        dots = "seeds, bars 95 % intervals" if several else "robots"
+        dots = "seeds, bars 95 % intervals (an arrow: it goes on)" if several else "robots"
         team.key(made, f"Upper right: diamonds are means, dots {dots}. {team.shown(record, shot)}")
     return made
 
@@ -67,7 +67,7 @@ def scores(
     low, high = _limits(spread, log)
     for k, (name, entry) in enumerate(zip(names, entries, strict=True)):
         color = COLORS[1] if name == shown else INK
-        ax.plot(dots[k], np.full(len(dots[k]), k), "o", color=PALE, markersize=4, alpha=0.55, mew=0)
+        ax.plot(dots[k], np.full(len(dots[k]), k + 0.24), "o", color=PALE, markersize=4, alpha=0.55, mew=0)
         if entry is None:
             ax.annotate("none", (0.02, k), xycoords=("axes fraction", "data"), va="center", color=PALE, fontsize=8)
             continue

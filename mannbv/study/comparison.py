@@ -124,7 +124,7 @@ def check(place, strategies: list[str], seeds: list[int], n_robots: int, config:
         raise StudyError(f"compare: no strategy is given; choose some of {', '.join(team.REGISTRY)}")
     if not seeds or min(seeds) < 0:
         raise StudyError("compare: needs at least one seed, and none below 0")
-    Camera.from_fov(config.image_width, None, config.fov)
+    Camera.of_dim(place.dim, config.image_width, config.image_height, config.fov)
     episode.draw_team(place, n_robots, seeds[0], config)
 
 

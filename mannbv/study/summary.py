@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 _NOT_METRICS = ("strategy", "seed", "robot", "fate")
 
@@ -33,7 +33,7 @@ def interval(values, confidence=0.95) -> tuple[float, list[float] | None]:
     mean = float(values.mean())
     if len(values) < 2:
         return mean, None
-    half = float(stats.t.ppf((1 + confidence) / 2, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values)))
+    half = float(special.stdtrit(len(values) - 1, (1 + confidence) / 2) * values.std(ddof=1) / math.sqrt(len(values)))
     return mean, [mean - half, mean + half]
 
 

@@ -52,10 +52,10 @@ def path_table(results: dict) -> Table:
     """Path and risk, as in the paper's Table IV: both against the shortest feasible path on the true plan."""
     risk = _risk(results)
     columns = [
-        _Column("path_overhead", ("longer than", "shortest ↓", "[%]"), 100, 1),
-        _Column("risk_gain_share", (f"{risk} gain ↑", "own map", "[%]"), 100, 1),
+        _Column("path_overhead", ("longer than", "shortest ↓", "[%]"), 100.0, 1),
+        _Column("risk_gain_share", (f"{risk} gain ↑", "own map", "[%]"), 100.0, 1),
         _Column("risk_gain_m", (f"{risk} gain ↑", "own map", "[m]")),
-        _Column("risk_gain_true_share", (f"{risk} gain ↑", "true surfaces", "[%]"), 100, 1),
+        _Column("risk_gain_true_share", (f"{risk} gain ↑", "true surfaces", "[%]"), 100.0, 1),
         _Column("risk_gain_true_m", (f"{risk} gain ↑", "true surfaces", "[m]")),
         _Column("min_clearance_m", ("least clearance", "driven ↑", "[m]")),
     ]
