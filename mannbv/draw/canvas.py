@@ -9,8 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 INK, PALE, GROUND, UNKNOWN = "#222222", "#8a8a8a", "#ffffff", "#e4e4e4"
-# Okabe and Ito's colours, told apart by everyone; the yellow is too light on white and comes last
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#B8A800")
+# Okabe and Ito's colours, told apart by everyone (their yellow darkened for a white ground), then wine and brown
+COLORS = (
+    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#B8A800", "#882255", "#8C510A",
+)  # fmt: skip
 RISK_MAP = "cividis"
 
 _STYLE = {
@@ -39,7 +41,7 @@ def style():
 
 
 def robot_color(robot) -> str:
-    """The colour of robot `robot` in every picture; from the ninth robot on they repeat."""
+    """The colour of robot `robot` in every picture; from the eleventh robot on they repeat."""
     return COLORS[int(robot) % len(COLORS)]
 
 

@@ -89,6 +89,8 @@ def scores(
     ax.set_xlabel(unit)
     ax.grid(axis="x", color="#dddddd", linewidth=0.6)
     ax.set_axisbelow(True)
+    if not len(spread):
+        ax.set_xticks([])
 
 
 def _limits(values: np.ndarray, log: bool) -> tuple[float, float]:

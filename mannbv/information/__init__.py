@@ -1,0 +1,21 @@
+"""What a view tells about the splats: Fisher information, its prior, and the gain, Eqs. (3)-(5), (14), (15).
+
+Parameters per splat, in the world frame: mean (d), log-scale (d), rotation in the body's tangent space (d(d−1)/2),
+opacity logit (1), colour (3): 9 in flatland, 13 in 3-D.
+"""
+
+from mannbv.information.fisher import fisher, n_parameters, prior
+from mannbv.information.gain import damping, gain, gain_and_slope
+from mannbv.information.profile import YawProfile, uniform_yaws, yaw_profile
+
+__all__ = [
+    "YawProfile",
+    "damping",
+    "fisher",
+    "gain",
+    "gain_and_slope",
+    "n_parameters",
+    "prior",
+    "uniform_yaws",
+    "yaw_profile",
+]
