@@ -14,6 +14,7 @@ from mannbv.world import World
 
 HEADINGS = 8
 _SPACING = 1.0  # [m] between the places along a trajectory where the map is compared with the world
+_PATH_SCORES = ("total_risk_m", "total_risk_true_m", "risk_gain_m", "risk_gain_true_m", "reference_clearance_m")
 _SURFACE = 0.02  # [m] between samples of the true surfaces
 
 
@@ -45,34 +46,38 @@ def true_surfaces(world: World) -> SplatMap:
 
 
 def reference_path(belief: Belief, start: np.ndarray, goal: np.ndarray, config: Config) -> np.ndarray | None:
-    """Section VI-C's path: risk-averse A* from start to goal (d,) on a robot's final map; None if it knows none."""
+    """Section VI-C's path: risk-averse A* from start to goal (d,) on a robot's final map.
+
+    None where the map knows none, or no open cell within `reach` and the planner's margins of either end.
+    """
     cells = planner.traversable(belief.occupancy, config)
     if not cells.any():
         return None
     price = planner.prices(belief.splats, belief.occupancy.lattice, cells, start[2:], config)
-    return planner.safe_path(price, belief.occupancy.lattice, start, goal)
+    path = planner.safe_path(price, belief.occupancy.lattice, start, goal)
+    if path is None:
+        return None
+    near = config.reach + config.robot_radius + config.margin
+    gaps = np.linalg.norm(path[[0, -1]] - np.stack([start, goal]), axis=1)
+    return path if (gaps <= near).all() else None
 
 
 def path_scores(belief: Belief, world: World, surfaces: SplatMap, start, goal, shortest: np.ndarray, config: Config):
     """Risk of the reference path and its gain over the shortest feasible path, on the own map and the true surfaces.
 
-    Returns total_risk_m, total_risk_true_m, risk_gain_m, risk_gain_true_m; NaN where the map knows no way from start
-    to goal.
+    Returns total_risk_m, total_risk_true_m, risk_gain_m, risk_gain_true_m, and reference_clearance_m, the least true
+    clearance of the reference path; all NaN where the map knows no way from start to goal.
     """
     path = reference_path(belief, np.asarray(start, float), np.asarray(goal, float), config)
     if path is None:
-        return dict.fromkeys(("total_risk_m", "total_risk_true_m", "risk_gain_m", "risk_gain_true_m"), math.nan)
+        return dict.fromkeys(_PATH_SCORES, math.nan)
 
     def total(splat_map: SplatMap, waypoints: np.ndarray) -> float:
         return risk.total(splat_map, torch.from_numpy(waypoints), config.level, config.measure)
 
     own, true = total(belief.splats, path), total(surfaces, path)
-    return {
-        "total_risk_m": own,
-        "total_risk_true_m": true,
-        "risk_gain_m": own - total(belief.splats, shortest),
-        "risk_gain_true_m": true - total(surfaces, shortest),
-    }
+    gains = own - total(belief.splats, shortest), true - total(surfaces, shortest)
+    return dict(zip(_PATH_SCORES, (own, true, *gains, float(world.clearance(path).min())), strict=True))
 
 
 def travel_scores(world: World, trail: np.ndarray, goal, shortest: np.ndarray, reached: bool, collisions: int):

@@ -74,6 +74,7 @@ def test_risk_gain_is_that_of_the_planned_path_over_the_shortest(place):
     own = risk.total(belief.splats, torch.from_numpy(path))
     assert scores["total_risk_m"] == pytest.approx(own)
     assert scores["risk_gain_m"] == pytest.approx(own - risk.total(belief.splats, torch.from_numpy(shortest)))
+    assert scores["reference_clearance_m"] == pytest.approx(place.clearance(path).min())
     assert scores["risk_gain_m"] > 0.05  # the planned path pays for safety
     assert planner.lengths(path)[-1] >= planner.lengths(shortest)[-1] - 0.2
 
@@ -86,6 +87,15 @@ def test_a_map_without_a_way_scores_nothing(place):
         belief, place, metrics.true_surfaces(place), place.starts[0, :2], place.goals[0], shortest, CONFIG
     )
     assert all(math.isnan(value) for value in scores.values())
+
+
+def test_a_path_that_ends_far_from_the_goal_is_no_path_to_it(place):
+    lattice, free = place.free_grid(CONFIG.cell, 0.05)
+    known = free & (np.linalg.norm(lattice.centers() - place.starts[0, :2], axis=-1) < 2.0)
+    ground = grid.Occupancy(lattice, np.where(known, -1.0, 0.0).astype(np.float32))
+    belief = Belief(surface_map(place), torch.zeros(0), ground)
+    assert metrics.reference_path(belief, place.starts[0, :2], place.goals[0], CONFIG) is None
+    assert metrics.reference_path(belief, place.starts[0, :2], place.starts[0, :2] + [0.3, 0.0], CONFIG) is not None
 
 
 def test_travel_scores_by_hand(place):

@@ -70,10 +70,15 @@ def save(canvas: Figure, path, dpi=120) -> Path:
 
 
 def show(canvas: Figure, dpi=100) -> None:
-    """Display a figure in a notebook."""
+    """Display a figure in a notebook, in 256 colours: a third of the bytes to store."""
     from IPython import display
+    from PIL import Image
 
-    display.display(display.Image(_bytes(canvas, "png", dpi)))
+    with Image.open(io.BytesIO(_bytes(canvas, "png", dpi))) as picture:
+        few = picture.convert("RGB").quantize(256, dither=Image.Dither.NONE)
+    out = io.BytesIO()
+    few.save(out, "png", optimize=True)
+    display.display(display.Image(out.getvalue()))
 
 
 def _bytes(canvas: Figure, kind: str, dpi) -> bytes:

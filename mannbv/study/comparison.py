@@ -70,7 +70,8 @@ def compare(
     """Run every strategy with every seed, each episode saved as it grows under `out`/runs, and write results.json.
 
     scene: a World or what `world.load` takes. strategies: None for the paper's four. seeds: how many, from 0, or which.
-    workers: processes side by side (0: none but this one). progress(Progress) is called after each cycle of any run.
+    workers: processes side by side (0: none but this one; with more, a script of your own must call this under
+    `if __name__ == "__main__":`, for they import it). progress(Progress) is called after each cycle of any run.
     The same call resumes what was interrupted and keeps what is finished; results.json tells of all finished runs in
     the folder. An episode that fails is named in `Outcome.failures` and costs no other.
     Raises ValueError for a bad scene, strategy, team or constant; StudyError, a ValueError, if `out` holds another

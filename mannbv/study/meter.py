@@ -1,5 +1,6 @@
 """A progress bar over the robots that are at their goals, with an estimate of the time left."""
 
+import os
 import sys
 import time
 
@@ -8,6 +9,16 @@ from tqdm import tqdm
 from mannbv.study.comparison import Progress
 
 _LINES = 20
+
+
+def _is_terminal(stream) -> bool:
+    """Whether a bar can be redrawn there; tqdm shows nothing on a terminal that does not know its height."""
+    if not getattr(stream, "isatty", lambda: False)():
+        return False
+    try:
+        return os.get_terminal_size(stream.fileno()).lines > 1
+    except (OSError, ValueError):
+        return True
 
 
 class Meter:
@@ -30,7 +41,7 @@ class Meter:
     def __call__(self, progress: Progress) -> None:
         if self._first is None:
             self._first = progress.share
-        if getattr(self.stream, "isatty", lambda: False)():
+        if _is_terminal(self.stream):
             self._draw(progress)
         else:
             self._tell(progress)
@@ -47,14 +58,14 @@ class Meter:
         if self._bar is None:
             self._bar = tqdm(
                 total=progress.n_robots * len(ticks), file=self.stream, dynamic_ncols=True,
-                bar_format="robots at their goals {n_fmt}/{total_fmt} |{bar}| {postfix}",
+                unit="", bar_format="robots at their goals {n_fmt}/{total_fmt} |{bar}| {unit}",
             )  # fmt: skip
         self._bar.n = sum(tick.at_goal for tick in ticks)
         over = sum(tick.finished or tick.fault is not None for tick in ticks)
         cycles = sum(tick.cycles for tick in ticks)
         words = [f"{cycles} cycles", f"{over}/{len(ticks)} episodes"]
         words += [tqdm.format_interval(time.monotonic() - self._began), self.left(progress)]
-        self._bar.set_postfix_str(", ".join(filter(None, words)), refresh=False)
+        self._bar.unit = ", ".join(filter(None, words))
         self._bar.refresh()
 
     def _tell(self, progress: Progress) -> None:

@@ -37,11 +37,12 @@ def tables(results: dict) -> list[Table]:
 
 
 def map_table(results: dict) -> Table:
-    """Map quality and risk, as in the paper's Table I, with the risk of the same paths on the true surfaces."""
+    """Map quality and risk, as in the paper's Table I; risk and clearance of the same paths on the true surfaces."""
     risk = _risk(results)
     columns = [
         _Column("total_risk_m", (f"{risk} ↑", "own map", "[m]")),
         _Column("total_risk_true_m", (f"{risk} ↑", "true surfaces", "[m]")),
+        _Column("reference_clearance_m", ("least", "clearance ↑", "[m]")),
         _Column("psnr_db", ("PSNR ↑", "", "[dB]")),
         _Column("depth_mae_m", ("depth error ↓", "mean absolute", "[m]")),
     ]
