@@ -112,10 +112,11 @@ def yaw_profile(
         pixels, rates = _pixels((camera.width, camera.focal), columns, np.array([float(yaw)]))
         turn, turn_rate = _axis_terms(np.array([float(yaw)]))
         seen = pixels @ densities
-        return float((seen * turn).sum()), float((rates @ densities * turn + seen * turn_rate).sum())
+        return max(float((seen * turn).sum()), 0.0), float((rates @ densities * turn + seen * turn_rate).sum())
 
     seen = _uniform_pixels((camera.width, camera.focal), columns, n_yaws) @ densities
-    return YawProfile(yaws, (seen * _axis_terms(yaws)[0]).sum(1), evaluate)
+    gains = (seen * _axis_terms(yaws)[0]).sum(1)
+    return YawProfile(yaws, np.maximum(gains, 0.0), evaluate)  # interpolation may dip a hair below zero
 
 
 def _axis_terms(yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
