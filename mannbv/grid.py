@@ -103,11 +103,33 @@ class Occupancy:
         return Occupancy(lattice, self.log_odds[low[0] : high[0], low[1] : high[1]])
 
     def merged(self, *others: "Occupancy") -> "Occupancy":
-        """Evidence of several robots over the same lattice, added up."""
-        if any(o.lattice != self.lattice for o in others):
-            raise ValueError("grid: only occupancies over the same lattice merge")
-        layers = np.stack([self.log_odds, *(o.log_odds for o in others)])
-        return Occupancy(self.lattice, _bounded(layers.sum(0), (layers != 0).any(0)))
+        """Evidence of several robots, added up over a lattice that holds all of theirs (windows of one grid).
+
+        Raises ValueError for grids whose cells do not coincide.
+        """
+        if all(o.lattice == self.lattice for o in others):
+            lattice, spread = self.lattice, [self.log_odds, *(o.log_odds for o in others)]
+        else:
+            lattice, spread = _over_one_lattice([self, *others])
+        layers = np.stack(spread)
+        return Occupancy(lattice, _bounded(layers.sum(0), (layers != 0).any(0)))
+
+
+def _over_one_lattice(several: list[Occupancy]) -> tuple[Lattice, list[np.ndarray]]:
+    """The smallest lattice that holds all, and each one's log-odds on it."""
+    cell, base = several[0].lattice.cell, np.array(several[0].lattice.origin)
+    shifts = np.stack([(np.array(o.lattice.origin) - base) / cell for o in several])
+    if any(o.lattice.cell != cell for o in several) or np.abs(shifts - np.round(shifts)).max() > 1e-3:
+        raise ValueError("grid: occupancies merge only where their cells coincide; give them the same cell and origin")
+    low = np.round(shifts).astype(int)
+    shape = (low + [o.lattice.shape for o in several]).max(0) - low.min(0)
+    corner = base + low.min(0) * cell
+    spread = []
+    for (x, y), occupancy in zip(low - low.min(0), several, strict=True):
+        layer = np.zeros(shape, np.float32)
+        layer[x : x + occupancy.lattice.shape[0], y : y + occupancy.lattice.shape[1]] = occupancy.log_odds
+        spread.append(layer)
+    return Lattice((float(corner[0]), float(corner[1])), cell, (int(shape[0]), int(shape[1]))), spread
 
 
 def _bounded(log_odds: np.ndarray, seen: np.ndarray) -> np.ndarray:

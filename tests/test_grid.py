@@ -191,8 +191,8 @@ def test_merging_adds_evidence_and_keeps_what_is_known():
     merged = layers[0].merged(layers[1])
     assert merged.state[:, 0].tolist() == [OCCUPIED, OCCUPIED, OCCUPIED, UNKNOWN]
     assert_allclose(merged.log_odds[:2, 0], [2, 4])
-    with pytest.raises(ValueError, match="same lattice"):
-        layers[0].merged(Occupancy.unknown(Lattice((0.0, 0.0), 1.0, (5, 1))))
+    with pytest.raises(ValueError, match="cells coincide"):
+        layers[0].merged(Occupancy.unknown(Lattice((0.3, 0.0), 1.0, (5, 1))))
 
 
 def test_cropping_keeps_what_is_known_in_place(rng):
@@ -250,3 +250,18 @@ def test_lattices_count_cells_from_their_corner():
 def test_an_empty_box_is_named(upper):
     with pytest.raises(ValueError, match="grid: the box from"), np.errstate(invalid="ignore"):
         Lattice.around((0.0, 0.0), upper, 0.1)
+
+
+def test_windows_of_one_grid_merge_as_the_whole_grids_do(rng):
+    lattice = grid.Lattice((-1.0, 0.5), 0.05, (40, 30))
+    whole = []
+    for low, high in (((2, 3), (20, 15)), ((12, 8), (38, 29))):
+        log_odds = np.zeros(lattice.shape, np.float32)
+        log_odds[low[0] : high[0], low[1] : high[1]] = rng.normal(0, 1, (high[0] - low[0], high[1] - low[1]))
+        whole.append(grid.Occupancy(lattice, log_odds))
+    merged = whole[0].merged(whole[1])
+    windows = [o.cropped(np.zeros((0, 2)), 0.0) for o in whole]
+    joined = windows[0].merged(windows[1])
+    assert joined.lattice.shape == (36, 26)
+    at = joined.lattice.at(joined.log_odds, lattice.centers().reshape(-1, 2), 0.0).reshape(lattice.shape)
+    assert np.allclose(at, merged.log_odds, atol=1e-6)
