@@ -49,7 +49,10 @@ def main(argv: list[str] | None = None) -> int:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _fail(f"{where}{error.strerror or error}; check the path")
-    except (ValueError, MemoryError) as error:
+    except MemoryError as error:
+        what = f" ({error})" if str(error) else ""
+        return _fail(f"not enough memory{what}; ask for fewer seeds, smaller images or larger cells")
+    except ValueError as error:
         return _fail(str(error) or type(error).__name__)
     except Exception as error:
         if os.environ.get("MANNBV_DEBUG"):
@@ -125,7 +128,7 @@ def _compare(arguments) -> int:
     config = _config(arguments.preset, arguments.set)
     strategies = None if arguments.strategies == "all" else [s.strip() for s in arguments.strategies.split(",")]
     place = world.load(arguments.scene)
-    out = Path(arguments.out or f"out/compare-{place.name}")
+    out = Path(arguments.out or f"out/compare-{Path(place.name).name}")  # a name may be "../here"
     n_strategies = len(set(strategies or team.STRATEGIES))
     with study.Meter() as meter:
         outcome = study.compare(
@@ -152,8 +155,8 @@ def _shown(outcome, place):
     """The record that the figure shows, of a distributed team if there is one, and its world."""
     from mannbv import episode
 
-    done = list(dict.fromkeys((row["strategy"], row["seed"]) for row in outcome.results["rows"]))
-    strategy, seed = min(done, key=lambda run: (run[0] != "distributed", done.index(run)))
+    done = [(row["strategy"], row["seed"]) for row in outcome.results["rows"]]
+    strategy, seed = min(done, key=lambda run: run[0] != "distributed")
     record = outcome.record(strategy, seed)
     return record, episode.draw_team(place, record.n_robots, seed, record.config)
 

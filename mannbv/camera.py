@@ -13,6 +13,7 @@ from torch import Tensor
 
 from mannbv.geometry import Pose
 
+# as in the common 3DGS renderers; the paper is silent
 LOW_PASS = 0.3  # [px²] added to every projected covariance, so that no splat is thinner than a pixel
 EDGE = 1.3  # the Jacobian's viewing ray is clamped to this multiple of the half image
 NEAR = 0.1  # [m] splats nearer than this along the axis are not drawn

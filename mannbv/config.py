@@ -17,7 +17,7 @@ def _constant(default, unit: str, meaning: str, source: str = "chosen here"):
 _KINDS = {int: (numbers.Integral, "a whole number"), float: (numbers.Real, "a finite number"), str: (str, "a name")}
 _POSITIVE = frozenset([
     "image_width", "image_height", "fov", "max_depth", "step", "turn", "cell", "insert_scale", "sigma_color",
-    "sigma_depth", "n_yaws", "r_min", "beta1", "beta2", "gamma1", "risk_scale", "stride", "reach", "penalty",
+    "sigma_depth", "n_subgoals", "r_min", "beta1", "beta2", "gamma1", "risk_scale", "stride", "reach", "penalty",
     "penalty_growth",
 ])  # fmt: skip
 
@@ -98,10 +98,13 @@ class Config:
                 raise ValueError(f"config: {f.name} must not be negative, got {value}")
             if f.name in _POSITIVE and not value > 0:
                 raise ValueError(f"config: {f.name} must be positive, got {value}")
+            object.__setattr__(self, f.name, kind(value))  # numbers of numpy cannot be written as JSON
         if not 0 < self.level < 1:
             raise ValueError(f"config: level must lie strictly between 0 and 1, got {self.level}")
         if not self.fov < math.pi:
             raise ValueError(f"config: fov must be below π rad, got {self.fov}")
+        if self.n_yaws < 4:
+            raise ValueError(f"config: n_yaws must be at least 4, got {self.n_yaws}")
 
     def replace(self, **changes) -> "Config":
         """A copy with some constants changed. Raises ValueError for a name that is none of them."""
@@ -115,8 +118,11 @@ class Config:
 
     @staticmethod
     def from_json(text: str) -> "Config":
-        """The inverse of `to_json`; constants that are not named keep their defaults."""
-        values = json.loads(text)
+        """The inverse of `to_json`; constants that are not named keep their defaults. Raises ValueError."""
+        try:
+            values = json.loads(text)
+        except ValueError as error:
+            raise ValueError(f"config: not valid JSON ({error}); was it written by to_json?") from None
         if not isinstance(values, dict):
             raise ValueError("config: expected a JSON object of constants")
         return Config().replace(**values)

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import numbers
 import os
 import time
 import zipfile
@@ -22,6 +23,9 @@ from mannbv.mapping import LocalMap
 from mannbv.messages import Ledger, Post
 from mannbv.splats import SplatMap
 from mannbv.team import Guests, Mission, Robot
+
+PRIORS = ("recompute", "incremental")
+_PATIENCE = 3  # cycles in a row without any route after which a robot is given up; chosen here
 
 
 class RecordError(ValueError):
@@ -72,6 +76,8 @@ def load(path) -> Record:
     if not path.is_file():
         raise RecordError(f"{path}: no such record")
     try:
+        if not zipfile.is_zipfile(path):  # numpy would advise to trust it
+            raise zipfile.BadZipFile("no .npz archive, or cut short")
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             about = json.loads(bytes(archive["about"]).decode())
             robots = tuple(_unpack(k, archive) for k in range(about["n_robots"]))
@@ -103,8 +109,12 @@ def run(
     config = config or Config()
     if strategy not in team.REGISTRY:
         raise ValueError(f"no strategy is called '{strategy}'; choose one of {', '.join(team.REGISTRY)}")
-    if isinstance(seed, bool) or seed < 0:
-        raise ValueError(f"episode: the seed must be a whole number from 0, got {seed}")
+    for name, value, least in (("seed", seed, 0), ("number of robots", n_robots, 1)):
+        if isinstance(value, bool) or not isinstance(value, numbers.Integral) or value < least:
+            raise ValueError(f"episode: the {name} must be a whole number from {least}, got {value!r}")
+    seed, n_robots = int(seed), int(n_robots)
+    if config.prior not in PRIORS:
+        raise ValueError(f"episode: no prior is called '{config.prior}'; choose one of {', '.join(PRIORS)}")
     place = scene if hasattr(scene, "sense") else world.load(scene)
     place = draw_team(place, n_robots, seed, config)
     camera = Camera.of_dim(place.dim, config.image_width, config.image_height, config.fov)
@@ -136,7 +146,7 @@ def draw_team(place, n_robots: int, seed: int, config: Config):
 
     Seed 0 takes the first pairs. Raises ValueError where the team cannot start or a goal is out of reach.
     """
-    rng = np.random.default_rng([seed, 2_147_483_647])
+    rng = np.random.default_rng([seed, 2_147_483_647])  # a stream that no robot draws from
     pairs = min(len(place.starts), len(place.goals))
     order = np.arange(pairs) if seed == 0 else rng.permutation(pairs)
     starts, goals = place.starts[order].copy(), place.goals[order]
@@ -151,7 +161,7 @@ def draw_team(place, n_robots: int, seed: int, config: Config):
 def _advance(record: Record, mission: Mission) -> Record:
     """One more cycle, or the end."""
     config, number = mission.config, len(record.cycles)
-    settled = all(robot.status == "reached" or robot.stuck >= 3 for robot in record.robots)
+    settled = all(robot.status == "reached" or robot.stuck >= _PATIENCE for robot in record.robots)
     if settled or number >= config.max_cycles:
         robots = tuple(team.observe(robot, mission, number) for robot in record.robots)
         record = dataclasses.replace(record, robots=robots)

@@ -1,7 +1,7 @@
 """Rotations, poses and covariances in the plane and in space (Section III-A of the paper).
 
 Cameras look along their last axis: (right, forward) in flatland, (right, down, forward) in 3-D. Worlds have Z up.
-This is the only floor that asks which of the two dimensions it is in.
+Only the two lowest floors ask which of the two dimensions they are in; tests/test_house.py lists the exceptions.
 """
 
 import math
@@ -16,11 +16,20 @@ from torch import Tensor
 class Pose:
     """A camera's place in the world: x_world = rotation @ x_camera + position.
 
-    rotation: (d, d), its columns the camera's axes in the world. position: (d,) [m].
+    rotation: (d, d), its columns the camera's axes in the world. position: (d,) [m]. Tensors, arrays or lists come in,
+    floating tensors stay as they are. Raises ValueError for other shapes.
     """
 
     rotation: Float[Tensor, "d d"]
     position: Float[Tensor, " d"]
+
+    def __post_init__(self):
+        for name in ("rotation", "position"):
+            object.__setattr__(self, name, _floating(getattr(self, name)))
+        d = len(self.position) if self.position.ndim == 1 else 0
+        if d not in (2, 3) or self.rotation.shape != (d, d):
+            shapes = tuple(self.rotation.shape), tuple(self.position.shape)
+            raise ValueError(f"pose: rotation must be (d, d) and position (d,) with d = 2 or 3, got {shapes}")
 
     @property
     def dim(self) -> int:
@@ -53,6 +62,11 @@ class Pose:
         return Pose(matrix[:-1, :-1], matrix[:-1, -1])
 
 
+def _floating(values) -> Tensor:
+    values = torch.as_tensor(values)
+    return values if values.is_floating_point() else values.to(torch.get_default_dtype())
+
+
 def wrap(angle):
     """Angle(s) [rad] brought into [−π, π); floats, arrays and tensors."""
     turned = (angle + math.pi) % (2 * math.pi) - math.pi
@@ -64,9 +78,7 @@ def yaw_pose(position, yaw) -> Pose:
 
     A tensor `yaw` keeps its gradient. Raises ValueError for positions that are not finite (2,) or (3,) vectors.
     """
-    position = torch.as_tensor(position)
-    if not position.is_floating_point():
-        position = position.to(torch.get_default_dtype())
+    position = _floating(position)
     if position.shape not in ((2,), (3,)) or not bool(torch.isfinite(position).all()):
         raise ValueError(f"yaw_pose: position must be 2 or 3 finite coordinates, got {position.tolist()}")
     yaw = torch.as_tensor(yaw, dtype=position.dtype, device=position.device)

@@ -11,8 +11,8 @@ from scipy import ndimage
 from mannbv.kernels import search
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 1
-HIT, PASS = 2.0, -0.4  # log-odds that one look adds
-_LEAST, _MOST = -4.0, 8.0
+HIT, PASS = 2.0, -0.4  # log-odds that one look adds; chosen here
+_LEAST, _MOST = -4.0, 8.0  # bounds of what the looks add up to
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from mannbv.camera import Camera, Frame, back_project
 from mannbv.config import Config
 from mannbv.splats import SplatMap
 
-_RATES = (0.002, 0.03, 0.03, 0.05, 0.02)  # Adam's step for mean [m], log-scale, rotation, opacity logit, colour
+# Adam's step for mean [m], log-scale, rotation, opacity logit, colour; chosen here
+_RATES = (0.002, 0.03, 0.03, 0.05, 0.02)
 
 
 @dataclass(frozen=True)

@@ -23,14 +23,22 @@ def radius(risk, r_min: float = _DEFAULT.r_min, beta1: float = _DEFAULT.beta1, b
     return r_min + beta1 * torch.exp(-beta2 * torch.as_tensor(risk))
 
 
+def _waypoints(splat_map: SplatMap, path) -> Float[Tensor, "k d"]:
+    path = torch.as_tensor(path)
+    path = path if len(path) else torch.zeros(0, splat_map.dim)
+    if path.ndim != 2 or path.shape[1] != splat_map.dim:
+        raise ValueError(f"mask: the path must be (k, {splat_map.dim}) beside this map, got {tuple(path.shape)}")
+    return path
+
+
 def zone(splat_map: SplatMap, path, radii) -> Bool[Tensor, " n"]:
     """Which splats' means lie in a ball B(p_k, r_k) around some waypoint, Eqs. (11), (12); path (k, d), radii (k,) [m].
 
-    Raises ValueError if the two lengths differ.
+    Raises ValueError if the two lengths differ, or for waypoints of another dimension.
     """
-    path, radii = torch.as_tensor(path), torch.as_tensor(radii)
-    if len(path) != len(radii):
-        raise ValueError(f"mask: {len(path)} waypoints but {len(radii)} radii")
+    path, radii = _waypoints(splat_map, path), torch.as_tensor(radii)
+    if radii.shape != path.shape[:1]:
+        raise ValueError(f"mask: {len(path)} waypoints but {radii.numel()} radii; give each its own")
     if not (len(path) and splat_map.n_splats):
         return torch.zeros(splat_map.n_splats, dtype=torch.bool)
     away = torch.linalg.norm(splat_map.means[:, None] - path.to(splat_map.means), dim=-1)
@@ -50,7 +58,7 @@ def proximity(
     The graph distance [m] runs over known-free cells to the one nearest to the splat, then straight; unknown and
     occupied cells block, and a splat farther than `limit` [m] or cut off gets weight 0. Without an occupancy: straight.
     """
-    path = torch.as_tensor(path)
+    path = _waypoints(splat_map, path)
     if not (gamma1 > 0 and gamma2 >= 0):
         raise ValueError(f"mask: needs γ₁ > 0 and γ₂ ≥ 0, got {gamma1}, {gamma2}")
     if not (len(path) and splat_map.n_splats):

@@ -12,7 +12,7 @@ from mannbv.objective import Belief
 from mannbv.splats import SplatMap
 from mannbv.world import World
 
-HEADINGS = 8
+HEADINGS = 8  # of the paper's "different viewing angles"; chosen here, as are the two lengths below
 _SPACING = 1.0  # [m] between the places along a trajectory where the map is compared with the world
 _PATH_SCORES = ("total_risk_m", "total_risk_true_m", "risk_gain_m", "risk_gain_true_m", "reference_clearance_m")
 _SURFACE = 0.02  # [m] between samples of the true surfaces
@@ -21,7 +21,7 @@ _SURFACE = 0.02  # [m] between samples of the true surfaces
 def view_quality(splat_map: SplatMap, world: World, camera: Camera, trail: np.ndarray, config: Config):
     """(PSNR [dB], depth MAE [m]) of the map against the world, from places a metre apart on a trajectory (k, d).
 
-    Eight headings at each place, as in the paper's "different viewing angles". PSNR is that of the mean squared error
+    `HEADINGS` headings at each place, the paper's "different viewing angles". PSNR is that of the mean squared error
     over all views; pixels where the sensor has no depth do not count.
     """
     squares, gaps = [], []

@@ -10,6 +10,11 @@ from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.splats import SplatMap
 
+# chosen here, as the paper says nothing of them
+_SLACK = 0.5  # [m] by which a way may be longer than the shortest, beside `Config.detour`
+_AWAY = 0.3  # [m] from a subgoal that showed nothing new
+_N_YAWS = 72  # of the profiles that rank subgoals
+
 
 @dataclass(frozen=True)
 class Route:
@@ -42,6 +47,11 @@ def thin(path: np.ndarray, spacing: float) -> np.ndarray:
     return path[np.unique(np.searchsorted(along, marks - 1e-9))]
 
 
+def raised(ground: np.ndarray, rest) -> np.ndarray:
+    """Points (k, d) [m] over points (k, 2) of the ground; rest (d − 2,): the coordinates above it, [] in flatland."""
+    return np.concatenate([ground, np.broadcast_to(rest, (len(ground), len(rest)))], 1)
+
+
 def traversable(occupancy: grid.Occupancy, config: Config) -> np.ndarray:
     """Cells (nx, ny) where the robot's disc fits: a margin from occupied cells, its bare radius from unknown ones."""
     state, cell = occupancy.state, occupancy.lattice.cell
@@ -53,11 +63,10 @@ def traversable(occupancy: grid.Occupancy, config: Config) -> np.ndarray:
 def prices(splat_map: SplatMap, lattice: grid.Lattice, cells: np.ndarray, rest: np.ndarray, config: Config):
     """A*'s price (nx, ny) per metre: 1 + risk_weight · exp(−α / risk_scale) on the given cells, inf elsewhere.
 
-    rest (d − 2,): the coordinates above the ground, [] in flatland, so that α is taken at camera height in 3-D.
+    rest: as in `raised`, so that α is taken at camera height in 3-D. Prices grow no more below α = −3 risk_scale.
     """
     price = np.full(cells.shape, np.inf)
-    ground = lattice.centers(np.argwhere(cells))
-    points = np.concatenate([ground, np.broadcast_to(rest, (len(ground), len(rest)))], 1)
+    points = raised(lattice.centers(np.argwhere(cells)), rest)
     alpha = risk.field(splat_map, torch.from_numpy(points), config.level, config.measure).double().numpy()
     price[cells] = 1.0 + config.risk_weight * np.exp(-np.maximum(alpha, -3 * config.risk_scale) / config.risk_scale)
     return price
@@ -78,7 +87,7 @@ def safe_path(price: np.ndarray, lattice: grid.Lattice, start: np.ndarray, goal:
     ground = lattice.centers(cells)
     if (near[1] == ends[1]).all():
         ground[-1] = goal[:2]
-    return np.concatenate([ground, np.broadcast_to(start[2:], (len(ground), len(start) - 2))], 1)
+    return raised(ground, start[2:])
 
 
 def _frontier_targets(
@@ -106,8 +115,8 @@ def plan(
     """The route to the goal if it is known to be reachable, else to the most informative frontier near it.
 
     Frontiers count if they have `min_frontier` cells and lengthen the optimistic way to the goal (unknown cells open)
-    by no more than `detour`; of the `n_subgoals` nearest, the one whose best view gains most is chosen. tried: (x, y)
-    of subgoals that showed nothing new. None where there is nowhere to go.
+    by no more than `detour` and 0.5 m; of the `n_subgoals` nearest, the one whose best view gains most is chosen.
+    tried: (x, y) [m] of subgoals that showed nothing new. None where there is nowhere to go.
     """
     lattice = occupancy.lattice
     cells = traversable(occupancy, config)
@@ -130,23 +139,23 @@ def plan(
     spots = lattice.centers(np.array([t for t, _ in targets]).reshape(-1, 2))
     fresh = np.isfinite(length)
     for spot in tried:
-        fresh &= np.linalg.norm(spots - spot, axis=1) > 0.3
+        fresh &= np.linalg.norm(spots - spot, axis=1) > _AWAY
     order = [k for k in np.argsort(length, kind="stable") if fresh[k]]
-    order = [k for k in order if length[k] <= length[order[0]] * (1 + config.detour) + 0.5][: config.n_subgoals]
+    order = [k for k in order if length[k] <= length[order[0]] * (1 + config.detour) + _SLACK][: config.n_subgoals]
     if not order:
         return None
-    candidates = np.concatenate([spots[order], np.broadcast_to(position[2:], (len(order), len(position) - 2))], 1)
+    candidates = raised(spots[order], position[2:])
     gains = np.array([_promise(splat_map, prior, camera, spot, config) for spot in candidates])
-    best = order[int(np.argmax(gains))]
-    waypoints = safe_path(price, lattice, position, candidates[int(np.argmax(gains))])
-    look = np.concatenate([lattice.centers(targets[best][1]), position[2:]])
+    best = int(np.argmax(gains))
+    waypoints = safe_path(price, lattice, position, candidates[best])
+    look = np.concatenate([lattice.centers(targets[order[best]][1]), position[2:]])
     return Route(waypoints, look, candidates, gains)
 
 
 def _promise(splat_map: SplatMap, prior: torch.Tensor, camera: Camera, spot: np.ndarray, config: Config) -> float:
     """Gain of the best view from a spot, over the whole map."""
     profile = information.yaw_profile(
-        splat_map, camera, spot, prior, damping=information.damping(splat_map.dim, config), n_yaws=72,
+        splat_map, camera, spot, prior, damping=information.damping(splat_map.dim, config), n_yaws=_N_YAWS,
         sigma_color=config.sigma_color, sigma_depth=config.sigma_depth,
     )  # fmt: skip
     return float(profile.gains.max())

@@ -75,6 +75,7 @@ class SplatMap:
     def select(self, index) -> "SplatMap":
         """The splats at integer or boolean `index`, in that order."""
         index = torch.as_tensor(index, device=self.means.device)
+        index = index if index.numel() else index.long()  # an empty list has no type of its own
         return SplatMap(*(t[index] for t in self.tensors()))
 
     def to(self, *args, **kwargs) -> "SplatMap":
@@ -168,16 +169,8 @@ def _read_npy(archive: zipfile.ZipFile, name: str) -> np.ndarray:
 _PLY_NAMES = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", *(f"scale_{k}" for k in range(3))]
 _PLY_NAMES += [f"rot_{k}" for k in range(4)]
 _PLY_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"}
-_PLY_TYPES |= {
-    "double": "f8",
-    "int8": "i1",
-    "uint8": "u1",
-    "int16": "i2",
-    "uint16": "u2",
-    "int32": "i4",
-    "uint32": "u4",
-}
-_PLY_TYPES |= {"float32": "f4", "float64": "f8"}
+_PLY_TYPES |= {f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4)}
+_PLY_TYPES |= {"double": "f8", "float32": "f4", "float64": "f8"}
 
 
 def _save_ply(fields: dict[str, np.ndarray], path: Path) -> None:

@@ -51,6 +51,11 @@ def test_the_same_seed_gives_the_same_record_and_another_one_does_not():
     assert without_times(runs[0]) != without_times(runs[2])
 
 
+def test_a_seed_and_a_team_counted_by_numpy_can_be_saved(tmp_path, unchecked):
+    record = episode.run("flat", "single", SMALL.replace(max_cycles=0), np.int64(0), np.int64(1), tmp_path / "a.npz")
+    assert episode.load(tmp_path / "a.npz").seed == record.seed == 0
+
+
 def test_saving_and_loading_keeps_every_number(tmp_path):
     record = episode.run("flat", "limited", SMALL.replace(max_cycles=1), n_robots=2)
     record.save(tmp_path / "run.npz")
@@ -83,16 +88,20 @@ def test_robots_reach_their_goals_and_the_scores_hold_together():
     ("change", "words"),
     [
         ({"strategy": "telepathy"}, "telepathy"),
-        ({"n_robots": 0}, "at least one robot"),
+        ({"n_robots": 0}, "number of robots must be a whole number from 1, got 0"),
+        ({"n_robots": 2.0}, "number of robots must be a whole number"),
         ({"n_robots": 11}, "11 robots"),
         ({"seed": -1}, "seed"),
+        ({"seed": 1.5}, "seed must be a whole number from 0, got 1.5"),
+        ({"seed": "one"}, "seed"),
+        ({"config": SMALL.replace(prior="posterior")}, "no prior is called 'posterior'; choose one of recompute,"),
         ({"config": SMALL.replace(network="web")}, "web"),
         ({"config": SMALL.replace(solver="dice", max_cycles=1)}, "dice"),
         ({"config": SMALL.replace(measure="luck", max_cycles=1)}, "luck"),
         ({"scene": "atlantis"}, "atlantis"),
     ],
 )
-def test_bad_requests_are_named_in_one_line(change, words):
+def test_bad_requests_are_named_in_one_line(change, words, unchecked):
     request = {"scene": "flat", "strategy": "distributed", "config": SMALL, "seed": 0, "n_robots": 2} | change
     scene, strategy = request.pop("scene"), request.pop("strategy")
     with pytest.raises(ValueError, match=words) as caught:

@@ -143,6 +143,17 @@ def test_whole_coordinates_become_floats():
     assert geometry.yaw_pose([1, 2], 0.0).position.is_floating_point()
 
 
+def test_a_pose_takes_arrays_and_lists_and_names_bad_shapes(unchecked):
+    for kind in (np.array, list, torch.tensor):
+        pose = Pose(kind([[0, -1], [1, 0]]), kind([2, 3]))
+        assert_allclose(pose.local(torch.tensor([[3.0, 3.0]])), [[0.0, -1.0]])
+    double = torch.eye(3, dtype=torch.float64)
+    assert Pose(double, double[0]).rotation is double
+    for rotation, position in ((torch.eye(3), torch.zeros(2)), (torch.eye(4), torch.zeros(4)), (torch.eye(2), 0.0)):
+        with pytest.raises(ValueError, match=r"pose: rotation must be \(d, d\) and position \(d,\)"):
+            Pose(rotation, position)
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_local_coordinates_undo_the_pose(dim, rng):
     turn = torch.from_numpy(rng.normal(size=dim * (dim - 1) // 2))

@@ -117,6 +117,8 @@ BAD = [
     (["compare", "flat", "--set", "solver=dice"], "no solver is called 'dice'; choose one of cadmm,"),
     (["compare", "flat", "--set", "network=hairnet"], "no network is called 'hairnet'; choose one of complete,"),
     (["compare", "flat", "--set", "measure=tape"], "no measure is called 'tape'; choose one of avar,"),
+    (["compare", "flat", "--set", "cell=1e-6"], "flat: 9.76 × 7.36 m is too large for a grid of 1e-06 m cells"),
+    (["compare", "flat", "--seeds", "99999999999999"], "not enough memory; ask for fewer seeds"),
     (["compare", "flat", "--set", "robot_radius=3"], "for a robot of radius 3 m"),
     (["tables"], "RUN"),
     (["tables", "nowhere"], "nowhere: no such file or folder"),
@@ -160,6 +162,16 @@ def test_a_start_in_a_wall_and_an_unreachable_goal_are_named(tmp_path, capsys):
         (tmp_path / "plan.json").write_text(json.dumps(plan | {key: [place, *plan[key][1:]]}))
         assert main(["compare", str(tmp_path / "plan.json"), "--out", str(tmp_path / "out")]) == 2
         one_line(capsys.readouterr(), f"{key}[0] at")
+
+
+def test_a_scene_cannot_choose_a_folder_elsewhere(tmp_path, monkeypatch, capsys):
+    plan = json.loads((world.library.folder() / "flat.json").read_text()) | {"name": "a/../../../b"}
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "plan.json").write_text(json.dumps(plan))
+    monkeypatch.chdir(tmp_path / "here")
+    assert main(["compare", "plan.json", "--strategies", "single", *QUICK, "--robots", "1"]) == 0
+    assert (tmp_path / "here" / "out" / "compare-b" / "results.json").is_file()
+    assert [path.name for path in tmp_path.iterdir()] == ["here"]
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path, capsys):

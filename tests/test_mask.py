@@ -46,6 +46,13 @@ def test_a_zone_of_nothing_is_empty(rng, unchecked):
     splat_map, path = random_map(rng, 4, 2), torch.zeros(3, 2)
     assert mask.zone(splat_map, path[:0], torch.zeros(0)).tolist() == [False] * 4
     assert mask.zone(SplatMap.empty(2), path, torch.ones(3)).shape == (0,)
+    for odd in (torch.zeros(3, 5), torch.zeros(2), torch.zeros(1, 3, 2)):
+        with pytest.raises(ValueError, match="the path must be"):
+            mask.zone(splat_map, odd, torch.ones(len(odd)))
+        with pytest.raises(ValueError, match="the path must be"):
+            mask.proximity(splat_map, odd)
+    with pytest.raises(ValueError, match="1 waypoints but 1 radii; give each its own"):
+        mask.zone(splat_map, torch.zeros(1, splat_map.dim), 1.0)
     with pytest.raises(ValueError, match="3 waypoints but 2 radii"):
         mask.zone(splat_map, path, torch.ones(2))
 

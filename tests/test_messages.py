@@ -378,6 +378,8 @@ def test_the_papers_centralized_tables(counts, printed):
 def test_the_papers_limited_sharing_table_and_its_exception():
     for n_robots, printed in {2: 0.050, 5: 0.50, 7: 1.050}.items():
         assert messages.limited_sharing_bytes(n_robots) == pytest.approx(printed * 1e6, rel=1e-12)
+    with pytest.raises(ValueError, match="at least one robot"):
+        messages.limited_sharing_bytes(0)
     assert messages.limited_sharing_bytes(10) == 2_250_000  # the table prints 2.150 MB, against its other rows
 
 

@@ -101,7 +101,7 @@ def test_bytes_by_kind_and_by_the_papers_count_add_up(done):
     assert sum(row["bytes_sent"] for row in done.results["rows"] if row["strategy"] == "single") == 0
 
 
-def test_the_papers_count_splits_by_the_robot_that_a_message_came_from_first(tmp_path):
+def test_the_papers_count_splits_by_the_robot_that_a_message_came_from_first():
     config = TINY.replace(network="line", max_cycles=1)  # three in a line: maps and splats are relayed
     for name in ("centralized", "limited"):
         record = episode.run("flat", name, config, 0, 3)
@@ -112,7 +112,7 @@ def test_the_papers_count_splits_by_the_robot_that_a_message_came_from_first(tmp
 def test_the_same_call_gives_the_same_file_but_for_seconds_also_in_other_processes(done, tmp_path):
     again = compare(tmp_path / "again", seeds=2, workers=2)
     assert timeless(read(again.folder)) == timeless(read(done.folder))
-    wrong = compare(tmp_path / "other", ["single"], seeds=[1], config=TINY.replace(level=0.2))
+    wrong = compare(tmp_path / "other", ["single"], seeds=[1], config=TINY.replace(fit_steps=3))
     mine = [row for row in timeless(done.results)["rows"] if (row["strategy"], row["seed"]) == ("single", 1)]
     assert timeless(wrong.results)["rows"] != mine
 
@@ -340,10 +340,11 @@ def small_results(seeds=(0, 1)) -> dict:
             for robot in (0, 1):
                 rows.append(row(
                     seed, robot, name, reached=robot == 0 or name == "centralized", collisions=robot,
-                    total_risk_m=0.5 + lift + 0.02 * seed, total_risk_true_m=0.6, psnr_db=18.0, depth_mae_m=0.25,
-                    path_overhead=0.295 if robot == 0 else None, risk_gain_m=0.1, risk_gain_true_m=0.2,
-                    min_clearance_m=0.3, bytes_sent=250_000, bytes_received=250_000, bytes_splats=200_000,
-                    bytes_copies=50_000, bytes_plan=0, bytes_paper=12_345, seconds=1.0,
+                    total_risk_m=0.5 + lift + 0.02 * seed, total_risk_true_m=0.6, reference_clearance_m=0.15,
+                    psnr_db=18.0, depth_mae_m=0.25, path_overhead=0.295 if robot == 0 else None,
+                    risk_gain_m=0.1, risk_gain_true_m=0.2, min_clearance_m=0.3, bytes_sent=250_000,
+                    bytes_received=250_000, bytes_splats=200_000, bytes_copies=50_000, bytes_plan=0,
+                    bytes_paper=12_345, seconds=1.0,
                     fate="reached" if robot == 0 or name == "centralized" else "no frontier left to go to",
                 ))  # fmt: skip
     return study.assemble("flat", 2, 2, Config(), rows)
@@ -352,9 +353,8 @@ def small_results(seeds=(0, 1)) -> dict:
 def test_tables_show_the_numbers_with_intervals_and_units():
     maps, paths, each, whole = map(study.as_text, study.tables(small_results()))
     half = (0.02 / np.sqrt(2)) / np.sqrt(2) * stats.t.ppf(0.975, 1)  # two seeds, 0.02 apart
-    assert f"centralized  0.61 ± {half:.2f}  0.60 ± 0.00  18.00 ± 0.00  0.25 ± 0.00".split() == line(
-        maps, "centralized"
-    )
+    shown = f"centralized  0.61 ± {half:.2f}  0.60 ± 0.00  0.15 ± 0.00  18.00 ± 0.00  0.25 ± 0.00"
+    assert line(maps, "centralized") == shown.split()
     assert "At their goals: centralized 4/4, single 2/4." in maps
     assert "Collisions: centralized 2, single 2." in maps
     assert "  single, seed 1, robot 1: no frontier left to go to" in maps
@@ -415,7 +415,7 @@ def test_csv_holds_every_row_of_several_results():
 # ---- saved runs ---------------------------------------------------------------------------------------------------
 
 
-def test_tables_come_from_a_folder_its_runs_or_its_file(done, tmp_path):
+def test_tables_come_from_a_folder_its_runs_or_its_file(done):
     files = [study.run_file(done.folder, name, seed) for name in NAMES for seed in (0, 1)]
     for paths in ([done.folder], [done.folder / "results.json"], [done.folder / "runs"], files, [done.folder, *files]):
         (results,), left_out = study.gather(paths)
@@ -452,10 +452,19 @@ def test_a_bad_results_file_is_named(tmp_path, text, says):
     assert str(caught.value).startswith(str(tmp_path / "results.json"))
 
 
-@pytest.mark.parametrize("rows", [3, [4], [{"strategy": "single"}], [row(0, 0, psnr_db="high")]])
+@pytest.mark.parametrize(
+    "rows", [3, [4], [{"strategy": "single"}], [row(0, 0, psnr_db="high")], [row(0, 0, psnr_db=10**400)]]
+)
 def test_bad_rows_are_refused(tmp_path, rows):
     (tmp_path / "results.json").write_text(json.dumps(small_results() | {"rows": rows}))
     with pytest.raises(study.StudyError, match="rows"):
+        study.gather([tmp_path / "results.json"])
+
+
+@pytest.mark.parametrize("change", [{"robots": "five"}, {"dim": None}, {"scene": 3}, {"config": []}])
+def test_what_is_not_compares_is_refused(tmp_path, change):
+    (tmp_path / "results.json").write_text(json.dumps(small_results() | change))
+    with pytest.raises(study.StudyError, match="config, scene, robots, dim are not those of compare"):
         study.gather([tmp_path / "results.json"])
 
 

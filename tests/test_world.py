@@ -134,7 +134,7 @@ def test_depth_is_cut_along_the_axis_and_empty_rays_are_black():
     assert (scene.sense(CAMERA, pose, max_depth=1.9).color[32:] > 0).all()
 
 
-def test_no_sight_line_slips_between_segments_that_share_an_end(rng):
+def test_no_sight_line_slips_between_segments_that_share_an_end():
     corners = np.stack([np.cos(np.arange(97) / 97 * 2 * np.pi), np.sin(np.arange(97) / 97 * 2 * np.pi)], 1)
     scene = bare_world(np.concatenate([corners, np.roll(corners, -1, 0)], 1))
     for corner in corners[::8]:  # the middle subray of some pixel aims exactly at a corner
@@ -339,7 +339,7 @@ def test_the_follower_stays_on_its_path_and_on_its_quanta(rng):
             assert step or (moved == 0 and turned == pytest.approx(TURN))
 
 
-def test_aiming_far_ahead_would_cut_corners(rng):
+def test_aiming_far_ahead_would_cut_corners():
     """The bound above is no triviality: a pursuit with a fixed look-ahead of 0.4 m leaves the path by more."""
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
     position, worst = np.zeros(2), 0.0
@@ -609,7 +609,7 @@ BAD_PLANS = {
         broken("windows", [{"at": [2, -0.1], "width": 1, "height": 1, "color": [0, 0, 1]}])
     ],
     r"furniture\[0\].box is missing": [broken("furniture", [{"name": "x", "height": 1, "color": [0, 0, 0]}])],
-    "name must be a line": [broken("name", 5), broken("name", "two\nlines")],
+    "name must be a line": [broken("name", 5), *(broken("name", name) for name in ("", "two\nlines", "\x1b[31mred"))],
 }
 
 
@@ -642,6 +642,7 @@ def test_a_bad_plan_is_refused_in_one_line(load, tmp_path, message, document):
         ({"occupied_thresh": 65}, "free_thresh"),
         ({"free_thresh": 0.0}, "no cell is free"),
         ({"resolution": 0.001}, "wide enough"),
+        ({"resolution": 9e5}, r"m is too large for a grid of 0\.1 m cells; are the units"),
         ({"resolution": "!!python/object/apply:os.getcwd []"}, "not valid YAML"),
         ({"resolution": "[1, 2"}, "not valid YAML"),
     ],

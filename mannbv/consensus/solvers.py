@@ -80,9 +80,10 @@ def solve(objectives, network, yaws, solver: str = "cadmm", **settings) -> list[
 
 
 def register(name: str, function) -> None:
-    """Make `solve(…, solver=name)` call function(objectives, network, yaws, settings); Raises ValueError if taken.
+    """Make `solve(…, solver=name)` call function(objectives, network, yaws, settings).
 
     It gets checked, scaled objectives and a `Settings`, and returns a trace (a list of `Round`) or just N yaws [rad].
+    Raises ValueError if the name is one of ours; your own may be registered anew.
     """
     if name in _OURS or not callable(function):
         raise ValueError(f"consensus: cannot register '{name}': the name is one of ours, or it is no function")

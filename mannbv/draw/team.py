@@ -146,10 +146,9 @@ def shown(record: Record, shot: Snapshot) -> str:
 def trails(ax: Axes, record: Record, world, window: Window, title: str) -> None:
     """The true plan with the ways that the robots took, from their starts (dots) to their goals (stars)."""
     parts.plan(ax, world)
-    for robot, width in zip(record.robots, np.linspace(5, 1.6, record.n_robots), strict=True):
-        parts.path(
-            ax, robot.trail, robot_color(robot.index), linewidth=width
-        )  # thinner and thinner: none hides another
+    widths = np.linspace(5, 1.6, record.n_robots)  # thinner and thinner: none hides another
+    for robot, width in zip(record.robots, widths, strict=True):
+        parts.path(ax, robot.trail, robot_color(robot.index), linewidth=width)
     for robot in record.robots:
         color = robot_color(robot.index)
         ax.plot(*robot.goal[:2], "*", color=color, markersize=14, markeredgecolor="white", zorder=6)

@@ -78,6 +78,9 @@ def fisher(
     A splat moves a pixel only through the few image quantities q = (position, covariance, logit, depth), so one
     small Gram matrix M = Σ_pixels g gᵀ a splat gives diag(JᵀJ) = diag(Aᵀ M A), A = ∂q/∂ω.
     """
+    render.check(splat_map, camera, pose)
+    if not (sigma_color > 0 and sigma_depth > 0):
+        raise ValueError(f"fisher: sigma_color and sigma_depth must be positive, got {sigma_color}, {sigma_depth}")
     joint = splat_map if others is None else splats.union(splat_map, others)
     asked = *joint.tensors(), pose.rotation, pose.position
     if render.tiled(method, joint, *(t for t in asked if torch.is_grad_enabled())):

@@ -22,19 +22,32 @@ def damping(dim: int, config: Config = _DEFAULT) -> Float[Tensor, " p"]:
 
 def default_damping(prior: Tensor) -> Float[Tensor, " p"]:
     """`damping` for the dimension whose parameters are the columns of `prior` (n, p)."""
-    return damping({n_parameters(dim): dim for dim in (2, 3)}[prior.shape[1]])
+    dims = {n_parameters(dim): dim for dim in (2, 3)}
+    if prior.shape[1] not in dims:
+        raise ValueError(f"gain: the prior has {prior.shape[1]} columns, not 9 (flatland) or 13; give a damping for it")
+    return damping(dims[prior.shape[1]])
 
 
 def worth_of(prior: Tensor, weights, selected, damping) -> Tensor:
     """v / (H + λ) for every parameter (n, p), zero outside the selection."""
     damping = default_damping(prior) if damping is None else damping
     worth = torch.ones(len(prior)).to(prior) if weights is None else torch.as_tensor(weights).to(prior)
+    _check_rows("weights", worth, prior)
     if selected is not None:
-        worth = torch.where(torch.as_tensor(selected, device=prior.device), worth, 0.0)
+        selected = torch.as_tensor(selected, device=prior.device)
+        _check_rows("selected", selected, prior)
+        if selected.dtype != torch.bool and len(selected):
+            raise ValueError(f"gain: selected must say True or False of each splat, got {selected.dtype}")
+        worth = torch.where(selected.bool(), worth, 0.0)
     denominator = prior + torch.as_tensor(damping).to(prior)
     if not bool((denominator > 0).all()):
         raise ValueError("gain: prior + damping must be positive; give a damping above 0 for splats never seen")
     return worth[:, None] / denominator
+
+
+def _check_rows(name: str, values: Tensor, prior: Tensor) -> None:
+    if values.shape != prior.shape[:1]:
+        raise ValueError(f"gain: {name} must be ({len(prior)},), one a splat, got {tuple(values.shape)}")
 
 
 def gain(
@@ -63,14 +76,17 @@ def gain(
     return (acquired * worth_of(prior, weights, selected, damping)).sum()
 
 
-def gain_and_slope(splat_map: SplatMap, camera: Camera, position, yaw: float, prior: Tensor, others=None, **options):
+def gain_and_slope(
+    splat_map: SplatMap, camera: Camera, position, yaw: float, prior: Tensor, others=None, noise=None, **options
+):
     """Gain of the view from `position` (d,) along `yaw` [rad], and its exact derivative [1/rad], as two floats.
 
-    options: weights, selected, damping as in `gain`. The order of the splats by range does not change with the yaw,
-    so the derivative is that of a smooth function, but for splats that enter at the near plane.
+    noise: sigma_color, sigma_depth of `fisher`. options: weights, selected, damping as in `gain`. The order of the
+    splats by range does not change with the yaw, so the derivative is that of a smooth function, but for splats that
+    enter at the near plane.
     """
     angle = torch.tensor(float(yaw), dtype=splat_map.means.dtype, requires_grad=True)
     view = geometry.yaw_pose(torch.as_tensor(position).to(splat_map.means), angle)
-    value = gain(fisher(splat_map, camera, view, others), prior, **options)
+    value = gain(fisher(splat_map, camera, view, others, **(noise or {})), prior, **options)
     slope = torch.autograd.grad(value, angle)[0] if value.requires_grad else 0.0
     return value.item(), float(slope)

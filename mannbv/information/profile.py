@@ -12,11 +12,10 @@ from jaxtyping import Bool, Float
 from scipy.sparse import csr_array
 from torch import Tensor
 
-from mannbv import geometry, splats
+from mannbv import geometry, render, splats
 from mannbv.camera import Camera
 from mannbv.config import Config
-from mannbv.information.fisher import fisher
-from mannbv.information.gain import worth_of
+from mannbv.information.gain import gain_and_slope, worth_of
 from mannbv.render import row
 from mannbv.splats import SplatMap
 
@@ -84,23 +83,24 @@ def yaw_profile(
     densities for several places in the image. What is left to differ from separate views: the clamp of splats beside
     the image, the near plane. "auto": panorama in flatland, views in 3-D.
     """
-    worth = worth_of(prior, weights, selected, damping)
-    noise = {"sigma_color": sigma_color, "sigma_depth": sigma_depth}
     if method not in ("auto", "panorama", "views") or (method == "panorama" and splat_map.dim != 2):
         raise ValueError(f"yaw_profile: method '{method}' does not serve {splat_map.dim}-D maps; use auto or views")
+    render.check(splat_map, camera, geometry.yaw_pose(position, 0.0))
+    if len(prior) != splat_map.n_splats or n_yaws < 1:
+        rows = f"{len(prior)} rows of prior for {splat_map.n_splats} splats"
+        raise ValueError(f"yaw_profile: needs a row a splat and at least one yaw, got {rows} and {n_yaws} yaws")
     yaws = uniform_yaws(n_yaws)
     if method == "views" or splat_map.dim != 2:
+        noise = {"sigma_color": sigma_color, "sigma_depth": sigma_depth}
+        options = {"weights": weights, "selected": selected, "damping": damping}
 
         def evaluate(yaw: float) -> tuple[float, float]:
-            angle = torch.tensor(float(yaw), dtype=prior.dtype, requires_grad=True)
-            view = geometry.yaw_pose(torch.as_tensor(position).to(prior), angle)
-            value = (fisher(splat_map, camera, view, others, **noise) * worth).sum()
-            slope = torch.autograd.grad(value, angle)[0] if value.requires_grad else 0.0
-            return value.item(), float(slope)
+            return gain_and_slope(splat_map, camera, position, float(yaw), prior, others, noise, **options)
 
         with torch.no_grad():
             gains = np.array([evaluate(yaw)[0] for yaw in yaws])
         return YawProfile(yaws, gains, evaluate)
+    worth = worth_of(prior, weights, selected, damping)
     if others is not None:
         worth = torch.cat([worth, torch.zeros(others.n_splats, worth.shape[1]).to(worth)])
         splat_map = splats.union(splat_map, others)

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-MAX_BLEND = 0.99
+MAX_BLEND = 0.99  # a splat lets at least one percent through, so that what lies behind keeps a slope
 
 
 @njit(cache=True, nogil=True)
@@ -162,7 +162,7 @@ def fisher(u, var, opacity, depth, chain, colors, forward, counts, width, sigma_
                 energy += lift * lift
             if raw <= MAX_BLEND and counts[s]:
                 energy *= rho * rho
-                cross = rho * lift * weight
+                cross = rho * lift * weight  # depth is the last channel, so this lift is depth's
                 e0 += energy
                 e1 += energy * delta
                 e2 += energy * delta**2

@@ -29,7 +29,7 @@ def shortest(cost, sources, target, limit):
         for x in range(nx):
             for y in range(ny):
                 cheapest = min(cheapest, cost[x, y])
-    queue = [(0.0, 0)]
+    queue = [(0.0, 0)]  # tells numba the type
     queue.clear()
     for k in range(len(sources)):
         x, y = sources[k, 0], sources[k, 1]

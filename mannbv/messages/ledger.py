@@ -27,6 +27,8 @@ def limited_sharing_bytes(n_robots) -> int:
     The paper's Table VI prints these in units of 10⁶ B: 0.05, 0.5 and 1.05 MB for 2, 5 and 7 robots. For ten it prints
     2.15 where the formula, and the other rows, give 2.25.
     """
+    if n_robots < 1:
+        raise ValueError(f"messages: a team needs at least one robot, got {n_robots}")
     return int(n_robots) * (int(n_robots) - 1) * GUEST_BYTES
 
 

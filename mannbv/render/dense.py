@@ -11,9 +11,9 @@ from torch import Tensor
 from mannbv import geometry
 from mannbv.camera import LOW_PASS, NEAR, Camera
 from mannbv.geometry import Pose
+from mannbv.kernels.row import MAX_BLEND
 from mannbv.splats import SplatMap
 
-MAX_BLEND = 0.99
 _REACH = 13.0  # standard deviations past which exp(−x²/2) vanishes even in float32
 
 

@@ -15,8 +15,6 @@ from mannbv.study import crew, results
 from mannbv.study.crew import Job, Tick
 from mannbv.study.results import StudyError
 
-PRIORS = ("recompute", "incremental")
-
 
 @dataclass(frozen=True)
 class Progress:
@@ -117,7 +115,7 @@ def check(place, strategies: list[str], seeds: list[int], n_robots: int, config:
         ("measure", risk.MEASURES, config.measure),
         ("network", network.GRAPHS, config.network),
         ("codec", messages.CODECS, config.codec),
-        ("prior", PRIORS, config.prior),
+        ("prior", episode.PRIORS, config.prior),
     ]:
         if name not in known:
             raise StudyError(f"compare: no {what} is called '{name}'; choose one of {', '.join(known)}")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from mannbv import grid, objective, risk
+from mannbv import grid, objective, planner, risk
 from mannbv.config import Config
 from mannbv.episode import Record
 from mannbv.objective import Belief, Zone
@@ -86,8 +86,7 @@ def ground_risk(belief: Belief, config: Config, rest=()) -> np.ndarray:
     """α (nx, ny) [m] of the known free cells, Eq. (9), nan elsewhere; rest: the coordinates above the ground."""
     occupancy = belief.occupancy
     free = occupancy.state == grid.FREE
-    ground = occupancy.lattice.centers(np.argwhere(free))
-    points = np.concatenate([ground, np.broadcast_to(rest, (len(ground), len(rest)))], 1)
+    points = planner.raised(occupancy.lattice.centers(np.argwhere(free)), rest)
     alpha = np.full(free.shape, np.nan)
     alpha[free] = risk.field(belief.splats, torch.from_numpy(points), config.level, config.measure).double().numpy()
     return alpha

@@ -79,11 +79,16 @@ def load(path) -> dict:
         raise StudyError(f"{path}: its rows are not those of compare; run the same compare again to rewrite it")
     for row in rows:
         for key, value in row.items():
-            if key not in ("strategy", "fate") and not isinstance(value, (int, float, type(None))):
+            if key not in ("strategy", "fate") and not (value is None or _is_number(value)):
                 raise StudyError(f"{path}: {key} in its rows is no number; run the same compare again to rewrite it")
-    if not isinstance(results["config"], dict) or not isinstance(results["scene"], str):
-        raise StudyError(f"{path}: its scene or config is not that of compare; run the same compare again")
+    kinds = {"config": dict, "scene": str, "robots": int, "dim": int}
+    if not all(isinstance(results[key], kind) for key, kind in kinds.items()):
+        raise StudyError(f"{path}: its {', '.join(kinds)} are not those of compare; run the same compare again")
     return results
+
+
+def _is_number(value) -> bool:
+    return isinstance(value, (int, float)) and abs(value) < 1e300  # JSON holds whole numbers of any size
 
 
 def _refuse(constant: str):
@@ -138,4 +143,5 @@ def _merge(group: list[dict]) -> dict:
     rows = {(row["strategy"], row["seed"], row["robot"]): row for results in group for row in results["rows"]}
     first = group[0]
     merged = assemble(first["scene"], first["dim"], first["robots"], Config(), list(rows.values()))
+    # as it was written, perhaps by a version with other constants
     return merged | {"mannbv": first["mannbv"], "config": first["config"]}

@@ -6,36 +6,31 @@ from mannbv import consensus, messages, network
 from mannbv.team.robots import Mission, Robot
 from mannbv.team.strategies import best_yaw, way
 
+# how `consensus.start` spells the solvers whose messages are really sent round by round
+_ROUNDS = {"cadmm": {}, "cadmm-gradient": {"primal": "gradient"}, "cadmm-literal": {"circle": False}}
+
 
 def agree(robots: list[Robot], gains: np.ndarray, mission: Mission, post: messages.Post, cycle: int, solver: str):
     """Everyone's yaw (N,) [rad] from the stacked F_i (N, N, M), and the largest residual of each round.
 
     C-ADMM and the profile exchange really send their messages; any other solver is handed the tables.
-    The scale of the gains is agreed first (one number a robot). A real team would run all T_ADMM rounds or spend one
-    bit a message on stopping; here the rounds end when every robot's residuals are below the tolerance.
+    The scale of the gains is agreed first (one number a robot, in its suggestions). A real team would run all T_ADMM
+    rounds or spend one bit a message on stopping; here the rounds end when every robot's residuals are below the
+    tolerance.
     """
     config = mission.config
     announced = np.array([robot.announced for robot in robots])
     scale = consensus.scale_of(gains)
-    settings = {
-        "penalty": config.penalty,
-        "growth": config.penalty_growth,
-        "rounds": config.rounds,
-        "tolerance": config.tolerance,
-        "scale": scale,
-    }
-    if not solver.startswith("cadmm"):
+    settings = {"penalty": config.penalty, "growth": config.penalty_growth, "scale": scale}
+    if solver not in _ROUNDS:
         if solver == "profile":
             _send_profiles(gains, mission, post, cycle)
+        settings |= {"rounds": config.rounds, "tolerance": config.tolerance}
         return consensus.solve(gains, mission.network, announced, solver, **settings)[-1].yaws, []
     states = [
-        consensus.start(
-            i, network.neighbours(mission.network, i), announced, gains[i], penalty=config.penalty,
-            growth=config.penalty_growth, scale=scale, circle=solver != "cadmm-literal",
-            primal="gradient" if solver == "cadmm-gradient" else "exact",
-        )
+        consensus.start(i, network.neighbours(mission.network, i), announced, gains[i], **settings, **_ROUNDS[solver])
         for i in range(len(robots))
-    ]  # fmt: skip
+    ]
     residuals = []
     for turn in range(config.rounds):
         for state in states:

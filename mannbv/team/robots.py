@@ -53,8 +53,8 @@ class Robot:
 
     position, goal (d,) [m]; yaw [rad]. frames: taken but not yet mapped. trail (k, d): where it has been [m].
     plans: the announced plans, by robot, its own included; none of robots at their goals. heard: teammates' grids
-    (centralized only).
-    status: "moving", "reached", or "stuck".
+    (centralized only). tried: (x, y) [m] of subgoals already looked at. status: "moving", "reached" or "stuck";
+    stuck: cycles in a row without a route. collisions: steps that ended nearer to a true surface than its radius.
     """
 
     index: int

@@ -40,7 +40,7 @@ def plan(robot: Robot, mission: Mission, cycle: int) -> Robot:
         here = messages.Plan(robot.index, cycle, robot.position, robot.yaw, robot.position[None])
         return robot.replace(route=None, stuck=robot.stuck + 1, status="stuck", plans={robot.index: here})
     place = route.ahead(config.stride)[-1]
-    path = planner.thin(route.waypoints, 5 * config.cell)
+    path = planner.thin(route.waypoints, 5 * config.cell)  # what is announced; chosen here
     profile = objective.served(belief, camera, place, path, config)
     yaw = robot.yaw if profile is None else profile.best
     announced = messages.Plan(robot.index, cycle, place, yaw, path)
@@ -68,6 +68,7 @@ def look(robot: Robot, mission: Mission, rng: np.random.Generator) -> tuple[Fram
     pose = geometry.yaw_pose(torch.from_numpy(robot.position), robot.yaw)
     frame = mission.world.sense(mission.camera, pose, config.max_depth, config.depth_noise, config.color_noise, rng)
     valid = frame.valid.reshape(-1)
+    # where nothing is in range the way is free; how far is told cautiously (chosen here)
     depth = torch.where(valid, frame.depth.reshape(-1), config.max_depth / math.sqrt(2))
     ends = back_project(Frame(frame.color, depth, pose), mission.camera).numpy()
     return frame, robot.replace(ground=robot.ground.carved(robot.position, ends, valid.numpy()))

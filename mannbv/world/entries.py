@@ -50,8 +50,8 @@ class Entry:
 
     def text(self, key: str) -> str:
         value = self.get(key)
-        if not isinstance(value, str) or len(value.splitlines()) != 1:
-            self.fail(key, "a line of text", value)
+        if not isinstance(value, str) or not value or not value.isprintable():
+            self.fail(key, "a line of printable text", value)
         return value
 
     def number(self, key: str, *default, least=-LARGEST, above=-LARGEST) -> float:

@@ -14,6 +14,7 @@ from mannbv.kernels import rays
 
 SUBRAYS = 5  # rays across a pixel whose colours are averaged; odd: the middle one gives the depth
 TEXTURES = {"plain": rays.PLAIN, "stripes": rays.STRIPES, "noise": rays.NOISE}
+_MOST_CELLS = 20_000_000  # of a grid over a building
 SNAP = 0.3  # [m] a path may begin and end this far from the nearest free cell's centre
 _BIN = 0.5  # [m] bins that hold the segments in the search for the nearest
 
@@ -132,7 +133,13 @@ class World:
         return a[which] + ((order + 0.5) / counts[which])[:, None] * (b - a)[which]
 
     def lattice(self, cell) -> grid.Lattice:
-        """Cells of `cell` [m] over the building, with a margin of two cells."""
+        """Cells of `cell` [m] over the building, with a margin of two cells. Raises SceneError for far too many."""
+        size = self.upper - self.lower
+        if np.prod(size / cell + 4) > _MOST_CELLS:
+            raise SceneError(
+                f"{self.name}: {size[0]:g} × {size[1]:g} m is too large for a grid of {cell:g} m cells; are the units "
+                "metres? Else give larger cells"
+            )
         return grid.Lattice.around(self.lower - 2 * cell, self.upper + 2 * cell, cell)
 
     def free_grid(self, cell, radius) -> tuple[grid.Lattice, np.ndarray]:

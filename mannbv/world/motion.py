@@ -9,9 +9,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from mannbv import geometry
+from mannbv.config import Config
 
 ACTIONS = ("forward", "left", "right")
-STEP, TURN = 0.05, math.radians(5)  # [m] [rad], paper VI-B
+STEP, TURN = Config().step, Config().turn  # [m] [rad]
 LOOKAHEAD = 0.4  # [m] the follower aims at most this far ahead …
 TOLERANCE = 0.015  # [m] … and cuts no more than this off the path
 _SAMPLE = 0.01  # [m] spacing of the path's points in the search

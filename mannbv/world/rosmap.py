@@ -58,7 +58,10 @@ def load(path, n_robots: int = 10) -> World:
         "rooms": bodies.Cells(lattice, free, rotation, origin[:2], outside=False),
     }
     bare = World(**shared, starts=np.zeros((0, 3)), goals=np.zeros((0, 2)))
-    starts, goals = places.choose(bare, n_robots)
+    try:
+        starts, goals = places.choose(bare, n_robots)
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from None
     if len(starts) == 0:
         raise SceneError(f"{path}: no free region is wide enough for a robot; check resolution and the thresholds")
     return World(**shared, starts=starts, goals=goals)
