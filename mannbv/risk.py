@@ -65,23 +65,23 @@ class Measure(NamedTuple):
     linear: bool
 
 
-MEASURES: dict[str, Measure] = {}
+MEASURES = {
+    "avar": Measure(average_value_at_risk, linear=True),
+    "var": Measure(value_at_risk, linear=True),
+    "mean": Measure(lambda mean, std, level: mean + 0 * std, linear=True),
+}
+_OURS = frozenset(MEASURES)
 
 
 def register(name: str, function: Callable, linear: bool = False) -> None:
     """Add a risk measure under a name that `Config.measure` and `field` then understand.
 
     function(mean, std, level) → risk takes tensors of distances and standard deviations [m]; smaller is riskier.
-    Raises ValueError if the name is taken.
+    Raises ValueError for one of our own names.
     """
-    if name in MEASURES:
-        raise ValueError(f"risk: a measure called '{name}' exists; choose another name")
+    if name in _OURS:
+        raise ValueError(f"risk: '{name}' is one of our own measures; choose another name")
     MEASURES[name] = Measure(function, linear)
-
-
-register("avar", average_value_at_risk, linear=True)
-register("var", value_at_risk, linear=True)
-register("mean", lambda mean, std, level: mean + 0 * std, linear=True)
 
 
 def field(

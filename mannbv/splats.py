@@ -38,6 +38,9 @@ class SplatMap:
     colors: Float[Tensor, "n 3"]
 
     def __post_init__(self):
+        for field in dataclasses.fields(self):
+            if not isinstance(getattr(self, field.name), Tensor):  # arrays and lists become tensors
+                object.__setattr__(self, field.name, torch.as_tensor(np.asarray(getattr(self, field.name), np.float32)))
         if self.means.ndim != 2 or self.means.shape[1] not in (2, 3):
             raise ValueError(f"splat map: means must be (n, 2) or (n, 3), got {tuple(self.means.shape)}")
         n, d = self.means.shape

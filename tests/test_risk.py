@@ -200,7 +200,9 @@ def test_a_users_measure_serves_like_ours(rng, monkeypatch):
     std = splat_map.scales.amax(1)
     assert_allclose(risk.field(splat_map, points, 0.3, "entropic"), (distance - std**2 / 0.6).amin(1), rtol=1e-9)
     assert_allclose(risk.field(splat_map, points, 0.3, "cautious"), (distance - 3 * std).amin(1), rtol=1e-9)
-    with pytest.raises(ValueError, match="a measure called 'avar' exists"):
+    risk.register("cautious", lambda mean, std, level: mean - 4 * std, linear=True)  # one's own may be replaced
+    assert_allclose(risk.field(splat_map, points, 0.3, "cautious"), (distance - 4 * std).amin(1), rtol=1e-9)
+    with pytest.raises(ValueError, match="'avar' is one of our own"):
         risk.register("avar", lambda mean, std, level: mean)
 
 

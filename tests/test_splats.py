@@ -328,3 +328,9 @@ def test_a_flat_map_is_no_ply(rng, tmp_path):
 
 def test_maps_move_between_precisions(rng):
     assert random_map(rng, 2, 3).to(torch.float32).means.dtype == torch.float32
+
+
+def test_arrays_and_lists_become_tensors(unchecked):
+    made = SplatMap([[0.0, 1.0]], np.zeros((1, 2)), [[1, 0]], [0], np.ones((1, 3)))
+    assert all(isinstance(t, torch.Tensor) and t.dtype == torch.float32 for t in made.tensors())
+    assert made.select([0]).covariances().shape == (1, 2, 2)

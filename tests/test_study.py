@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -596,3 +597,16 @@ def test_a_snapshot_needs_a_cycle(done):
         study.snapshot(record, 2)
     with pytest.raises(ValueError, match="no cycle yet"):
         study.midway(dataclasses.replace(record, cycles=()))
+
+
+MAPS = Path(__file__).parents[1].parent / "shared" / "scenes" / "maps"
+
+
+@pytest.mark.skipif(not MAPS.is_dir(), reason="third-party scenes are not beside this checkout")
+@pytest.mark.parametrize("name", ["aws_small_house/map", "nav2_depot/depot", "willow/willow-2010-02-18-0.10"])
+def test_a_real_map_ends_with_its_tables(tmp_path, name):
+    config = Config(image_width=32, fit_steps=4, max_cycles=1, n_subgoals=1, cell=0.1)
+    outcome = study.compare(str(MAPS / f"{name}.yaml"), ["distributed", "single"], 1, 2, config, tmp_path, workers=0)
+    assert not outcome.failures
+    for table in study.tables(outcome.results):
+        assert {row[0] for row in table.rows} >= {"distributed", "single"}

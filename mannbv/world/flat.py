@@ -197,7 +197,8 @@ class World:
         if n_robots < 1:
             raise ValueError(f"{self.name}: a team needs at least one robot, got {n_robots}")
         if n_robots > most:
-            raise ValueError(f"{self.name}: {n_robots} robots, but only {most} starts and goals; ask for fewer robots")
+            remedy = "ask for fewer robots" if most else "add some to the scene"
+            raise ValueError(f"{self.name}: {n_robots} robots, but only {most} starts and goals; {remedy}")
         for what, places in (("starts", self.starts), ("goals", self.goals)):
             for k, place in enumerate(places[:n_robots]):
                 if not self.inside(place[None])[0] or self.clearance(place[None])[0] < radius:
