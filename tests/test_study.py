@@ -224,7 +224,8 @@ def test_a_strategy_that_no_other_process_could_find_is_refused_at_once(tmp_path
 def test_built_in_solvers_and_measures_need_no_sending():
     place = world.load("flat")
     for changes in [{"solver": name} for name in consensus.SOLVERS] + [{"measure": name} for name in risk.MEASURES]:
-        crew._packed(crew.Job(place, "single", 0, 2, TINY.replace(**changes), study.run_file("x", "single", 0)))
+        job = crew.Job(place, "single", 0, 2, TINY.replace(**changes), study.run_file("x", "single", 0))
+        assert crew._packed(job)
 
 
 @pytest.mark.parametrize(
