@@ -80,8 +80,8 @@ def yaw_profile(
     method "views" takes one Fisher a yaw. "panorama" (flatland) looks once in all directions: the information density
     over direction, read at the pixels of every yaw. Depth along the camera's axis is linear in the axis, so three
     densities (xx, xy, yy) give the depth channel. A pinhole stretches what it sees towards the image's edge, hence
-    densities for several places in the image. What is left to differ from separate views: the clamp of splats beside
-    the image, the near plane. "auto": panorama in flatland, views in 3-D.
+    densities for several places in the image. What is left to differ from separate views: the near plane, and what
+    lies between those places and directions. "auto": panorama in flatland, views in 3-D.
     """
     if method not in ("auto", "panorama", "views") or (method == "panorama" and splat_map.dim != 2):
         raise ValueError(f"yaw_profile: method '{method}' does not serve {splat_map.dim}-D maps; use auto or views")

@@ -22,7 +22,7 @@ def project(means, log_scales, rotations, rotation, position, focal, width, limi
     """
     n = len(means)
     index, far = np.empty(n, np.int64), np.empty(n)
-    u, var, depth, chain = np.empty(n), np.empty(n), np.empty(n), np.empty((n, 7))
+    u, var, depth, chain = np.empty(n), np.empty(n), np.empty(n), np.zeros((n, 15 if around else 7))
     v = 0
     for s in range(n):
         ax, ay = means[s, 0] - position[0], means[s, 1] - position[1]
@@ -66,6 +66,16 @@ def project(means, log_scales, rotations, rotation, position, focal, width, limi
             chain[v, 2 + a] = vx * rotation[a, 0] + vz * rotation[a, 1]
         chain[v, 4], chain[v, 5] = 2.0 * wide * first * first, 2.0 * thin * second * second
         chain[v, 6] = 2.0 * (wide - thin) * first * second
+        if around:  # the same along the line of sight: covariance with the angle and variance, and their slopes
+            rx, rz = focal * x / square, focal * z / square
+            bx = rx * rotation[0, 0] + rz * rotation[0, 1]
+            by = rx * rotation[1, 0] + rz * rotation[1, 1]
+            third, fourth = bx * cos + by * sin, by * cos - bx * sin
+            chain[v, 7], chain[v, 8] = wide * first * third + thin * second * fourth, wide * third**2 + thin * fourth**2
+            chain[v, 9], chain[v, 10] = 2.0 * wide * first * third, 2.0 * thin * second * fourth
+            chain[v, 11] = (wide - thin) * (second * third + first * fourth)
+            chain[v, 12], chain[v, 13] = 2.0 * wide * third**2, 2.0 * thin * fourth**2
+            chain[v, 14] = 2.0 * (wide - thin) * third * fourth
         index[v], far[v], depth[v] = s, square, z
         v += 1
     order = np.argsort(far[:v], kind="mergesort")
@@ -201,14 +211,15 @@ def _as_seen(delta, slant, var, low_pass, focal):
 
 @njit(cache=True, nogil=True)
 def densities(
-    angle, var, opacity, relative, chain, colors, worth, focal, columns, slant, low_pass, noise, cutoff, floor
+    angle, var, opacity, relative, chain, colors, worth, focal, columns, slant, low_pass, limit, noise, cutoff, floor
 ):
     """What a pixel would gain, at every direction (columns, 4): colour, and depth's xx, xy, yy in the camera's axis.
 
     Directions are equal steps from −π to π to the right. angle (v,) [rad], var, chain: as `project` gives them for
     all directions, without low pass. slant, low_pass: the pixel's place in its image, tan φ, and 0.3 cos⁴φ there.
-    relative (v, 2): means less the camera's position, in the world frame. worth (v, 9): v / (H + λ), 0 for occluders.
-    noise: standard deviations of colour and depth.
+    limit: largest slope of the Jacobian's ray, which clamps splats beside the image as `project` does. relative (v, 2):
+    means less the camera's position, in the world frame. worth (v, 9): v / (H + λ), 0 for occluders. noise: standard
+    deviations of colour and depth.
     """
     values = np.concatenate((colors / noise[0], relative / noise[1]), 1)
     step = 2.0 * math.pi / columns
@@ -219,12 +230,10 @@ def densities(
         for s in range(len(angle)):
             if opacity[s] <= cutoff:
                 continue
-            uu, uv, vv, color_worth = 0.0, 0.0, 0.0, worth[s, 6] + worth[s, 7] + worth[s, 8]
-            for a in range(2):
-                uu += worth[s, a] * chain[s, a] ** 2
-                uv += worth[s, a] * chain[s, a] * chain[s, 2 + a]
-            for a in range(5):
-                vv += worth[s, a] * chain[s, 2 + a] ** 2
+            color_worth, range_to = worth[s, 6] + worth[s, 7] + worth[s, 8], math.hypot(relative[s, 0], relative[s, 1])
+            open_shape = 0.0
+            for a in range(3):
+                open_shape += worth[s, 2 + a] * chain[s, 4 + a] ** 2
             reach = 1.0
             if cutoff > 0.0:
                 reach = min(1.0, 1.5 * math.sqrt(2.0 * (var[s] + low_pass) * math.log(opacity[s] / cutoff)) / focal)
@@ -236,6 +245,14 @@ def densities(
                 if through[p] < floor or slant * delta < -1.4:
                     continue
                 away, wide, stretch, own = _as_seen(delta, slant, var[s], low_pass, focal)
+                held = abs(own) > limit
+                if held:  # the Jacobian's ray stops at the limit: the splat's depth shows, and shrinks it
+                    cos = 1.0 / math.sqrt(1.0 + own * own)
+                    sin, bound = own * cos, math.copysign(limit, own)
+                    scale = 1.0 / (1.0 + slant * slant) / cos
+                    across, along = scale * (cos + bound * sin), scale * (sin - bound * cos)
+                    wide = across * across * var[s] + 2.0 * across * along * chain[s, 7] + along * along * chain[s, 8]
+                    wide += low_pass
                 raw = opacity[s] * math.exp(-0.5 * away * away / wide)
                 if raw < cutoff:
                     continue
@@ -252,15 +269,27 @@ def densities(
                     for c in range(5):
                         lift[c] = through[p] * values[s, c] - (image[p, c] - before[p, c]) / (1.0 - rho)
                     active = rho if raw <= MAX_BLEND else 0.0
-                    by_var = 0.5 * active * (away / wide) ** 2 * stretch * stretch
-                    by_u = active * away / wide * stretch + by_var * 4.0 * var[s] * own / focal
-                    response = by_u * by_u * uu + 2.0 * by_u * by_var * uv + by_var * by_var * vv
+                    by_var = 0.5 * active * (away / wide) ** 2
+                    by_u = active * away / wide * stretch
+                    if held:
+                        shape, back = 0.0, -2.0 * by_var * (wide - low_pass) / (range_to * cos)
+                        for a in range(3):
+                            slope = across * across * chain[s, 4 + a] + 2.0 * across * along * chain[s, 9 + a]
+                            shape += worth[s, 2 + a] * (slope + along * along * chain[s, 12 + a]) ** 2
+                        by_u -= back * sin * range_to / focal
+                        mx = by_u * chain[s, 0] + back * cos * relative[s, 0] / range_to
+                        my = by_u * chain[s, 1] + back * cos * relative[s, 1] / range_to
+                    else:
+                        shape, by_var = open_shape, by_var * stretch * stretch
+                        by_u += by_var * 4.0 * var[s] * own / focal
+                        mx = by_u * chain[s, 0] + by_var * chain[s, 2]
+                        my = by_u * chain[s, 1] + by_var * chain[s, 3]
+                    response = worth[s, 0] * mx * mx + worth[s, 1] * my * my + by_var * by_var * shape
                     response += (active * (1.0 - opacity[s])) ** 2 * worth[s, 5]
                     square = weight * weight
                     gain[p, 0] += (lift[0] ** 2 + lift[1] ** 2 + lift[2] ** 2) * response
                     gain[p, 0] += square * color_worth / noise[0] ** 2
-                    sx = worth[s, 0] * (by_u * chain[s, 0] + by_var * chain[s, 2]) * weight / noise[1]
-                    sy = worth[s, 1] * (by_u * chain[s, 1] + by_var * chain[s, 3]) * weight / noise[1]
+                    sx, sy = worth[s, 0] * mx * weight / noise[1], worth[s, 1] * my * weight / noise[1]
                     direct = square / noise[1] ** 2
                     gain[p, 1] += lift[3] ** 2 * response + 2.0 * lift[3] * sx + direct * worth[s, 0]
                     gain[p, 2] += lift[3] * lift[4] * response + lift[3] * sy + lift[4] * sx

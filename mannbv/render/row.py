@@ -121,10 +121,7 @@ def densities(
     splats = seen.u / camera.focal, seen.var, seen.opacity, relative, seen.chain, colors
     worth = worth.detach().double().cpu().numpy()[seen.index]
     noise = np.array([sigma_color, sigma_depth], float)
-    parts = [
-        row.densities(
-            *splats, worth, camera.focal, columns, float(slant), LOW_PASS / (1 + slant**2) ** 2, noise, cutoff, floor
-        )
-        for slant in slants
-    ]
+    limit = EDGE * camera.width / 2 / camera.focal
+    places = [(float(slant), LOW_PASS / (1 + slant**2) ** 2, limit) for slant in slants]
+    parts = [row.densities(*splats, worth, camera.focal, columns, *place, noise, cutoff, floor) for place in places]
     return np.concatenate(parts)
