@@ -214,7 +214,7 @@ def test_the_kernel_serves_only_what_it_can(rng):
     for splat_map, camera, view in [
         (flat.to(torch.float64), camera_for(2, 8), pose),
         (flat, camera_for(2, 8), turning),
-        (random_map(rng, 3, 3, torch.float32), camera_for(3, 8), geometry.yaw_pose(torch.zeros(3), 0.0)),
+        (random_map(rng, 3, 3), camera_for(3, 8), geometry.yaw_pose(torch.zeros(3), 0.0)),
     ]:
         with pytest.raises(ValueError, match="render: the kernel serves"):
             render.render(splat_map, camera, view, "tiled")

@@ -8,7 +8,6 @@ from mannbv import geometry, render, splats
 from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.geometry import Pose
-from mannbv.render import row
 from mannbv.splats import SplatMap
 
 _DEFAULT = Config()
@@ -83,8 +82,9 @@ def fisher(
         raise ValueError(f"fisher: sigma_color and sigma_depth must be positive, got {sigma_color}, {sigma_depth}")
     joint = splat_map if others is None else splats.union(splat_map, others)
     asked = *joint.tensors(), pose.rotation, pose.position
-    if render.tiled(method, joint, *(t for t in asked if torch.is_grad_enabled())):
-        return row.fisher(joint, splat_map.n_splats, camera, pose, sigma_color, sigma_depth)
+    kernel = render.engine(method, joint, *(t for t in asked if torch.is_grad_enabled()))
+    if kernel is not None:
+        return kernel.fisher(joint, splat_map.n_splats, camera, pose, sigma_color, sigma_depth)
     pose = pose.to(joint.means)
     drawn = render.compose(joint, camera, pose)
     counts = torch.nonzero(drawn.index < splat_map.n_splats)[:, 0]

@@ -4,24 +4,25 @@ from torch import Tensor
 
 from mannbv.camera import Camera
 from mannbv.geometry import Pose
-from mannbv.render import dense, row
+from mannbv.render import dense, row, tiles
 from mannbv.render.dense import Rendering
 from mannbv.splats import SplatMap
 
 METHODS = ("auto", "dense", "tiled")
 
 
-def tiled(method: str, splat_map: SplatMap, *others: Tensor) -> bool:
-    """Whether `method` means the kernel here: flatland, float32, on the CPU, no gradient asked of `others`.
+def engine(method: str, splat_map: SplatMap, *others: Tensor):
+    """The kernel's module that `method` means here (`row` for flatland, `tiles` for space), or None for the dense twin.
 
-    Raises ValueError for an unknown method, and for "tiled" where the kernel does not apply.
+    A kernel serves float32 on the CPU, with no gradient asked of `others`. Raises ValueError for an unknown method, and
+    for "tiled" where no kernel applies.
     """
     if method not in METHODS:
         raise ValueError(f"render: unknown method '{method}'; use {', '.join(METHODS)}")
-    fits = row.serves(splat_map, *others)
-    if method == "tiled" and not fits:
-        raise ValueError("render: the kernel serves flatland maps in float32 on the CPU, without gradients in the pose")
-    return fits and method != "dense"
+    fitting = next((kernel for kernel in (row, tiles) if kernel.serves(splat_map, *others)), None)
+    if method == "tiled" and fitting is None:
+        raise ValueError("render: the kernel serves maps in float32 on the CPU, without gradients in the pose")
+    return None if method == "dense" else fitting
 
 
 def render(splat_map: SplatMap, camera: Camera, pose: Pose, method: str = "auto") -> Rendering:
@@ -32,7 +33,8 @@ def render(splat_map: SplatMap, camera: Camera, pose: Pose, method: str = "auto"
     where it applies. Raises ValueError if map, camera and pose disagree about the dimension.
     """
     dense.check(splat_map, camera, pose)
-    if not tiled(method, splat_map, pose.rotation, pose.position):
+    kernel = engine(method, splat_map, pose.rotation, pose.position)
+    if kernel is None:
         return dense.render(splat_map, camera, pose)
-    image = row.render(splat_map, camera, pose)
-    return Rendering(image[:3].T, image[3], image[4])
+    image = kernel.render(splat_map, camera, pose)
+    return Rendering(image[:3].movedim(0, -1), image[3], image[4])
