@@ -20,24 +20,35 @@ PYTEST := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) --di
 AS_ROOT := $(if $(filter 0,$(shell id -u)),--allow-root)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test lab notebooks lint lock clean
+.PHONY: help setup run test test-generic exercises lab explore notebooks lint lock clean
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(READY) ## the environment alone (every other target sees to it by itself)
 
 run: $(READY) ## the main job: five robots, four strategies, one plan -> tables, a figure, out/compare/results.json
 	$(strip $(PY) -m mannbv compare $(SCENE) --out $(OUT) $(ARGS))
 
-test: $(READY) ## pytest, then every notebook under strict nbval
+test: $(READY) ## pytest, every notebook under strict nbval, then the reader's copies, which must run
 	@rm -rf $(REPORTS) && mkdir -p $(REPORTS)
 	$(PYTEST) tests --junitxml=$(REPORTS)/pytest.xml
 	@ls notebooks/*.ipynb >/dev/null 2>&1 || { echo "notebooks/ holds no notebook: nothing would be checked" >&2; exit 1; }
 	$(PYTEST) -c tools/nbval.ini --rootdir=. notebooks --junitxml=$(REPORTS)/notebooks.xml
+	$(PY) tools/course.py $(REPORTS)/course
+	$(PYTEST) -c tools/course.ini --rootdir=. $(REPORTS)/course --junitxml=$(REPORTS)/course.xml
 
-lab: $(READY) ## JupyterLab on the notebooks
-	$(strip $(PY) -m jupyterlab notebooks $(AS_ROOT) $(ARGS))
+test-generic: $(READY) ## every notebook under strict nbval, compiled for a processor without extras
+	NUMBA_CPU_NAME=generic $(PYTEST) -c tools/nbval.ini --rootdir=. notebooks --junitxml=$(REPORTS)/generic.xml
+
+exercises: $(READY) ## the reader's copies of the notebooks, exercises empty, into course/; what you changed there stays
+	$(PY) tools/course.py
+
+lab: exercises ## JupyterLab on the reader's copies in course/
+	$(strip $(PY) -m jupyterlab course $(AS_ROOT) $(ARGS))
+
+explore: $(READY) ## all explorers on one page without code, under Voilà
+	$(strip $(PY) -m voila notebooks/explore.ipynb $(ARGS))
 
 notebooks: $(READY) ## run every notebook and store its outputs, byte for byte the same each time
 	$(strip $(PY) tools/notebooks.py $(ARGS))

@@ -59,6 +59,9 @@ def load(path: Path) -> nbformat.NotebookNode:
 def run(path: Path) -> bytes:
     """Run the notebook in a fresh kernel, in its own folder, and return the file that should be stored."""
     notebook = load(path)
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    for cell in code:
+        cell.execution_count = None  # so that a count tells that the cell was run here
     client = NotebookClient(
         notebook,
         timeout=TIMEOUT,
@@ -72,7 +75,7 @@ def run(path: Path) -> bytes:
     try:
         client.execute()
     except CellExecutionError as error:
-        cell = sum(c.cell_type == "code" and bool(c.execution_count) for c in notebook.cells)
+        cell = max(place for place, cell in enumerate(code, 1) if cell.execution_count)
         raise NotebookError(f"{path}: code cell {cell} raised {error.ename}: {error.evalue}; not written") from None
     except (CellTimeoutError, DeadKernelError) as error:
         raise NotebookError(f"{path}: {str(error).splitlines()[0]}; not written") from None
