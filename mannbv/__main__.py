@@ -1,4 +1,4 @@
-"""The command line: `python -m mannbv scenes | compare SCENE | tables RUN…`.
+"""The command line: `python -m mannbv scenes | compare SCENE | tables RUN… | grade FOLDER | doctor`.
 
 Any error is one line on standard error and exit status 2; Ctrl-C ends with 130. What a command needs is imported when
 it runs, so that --help comes at once.
@@ -104,6 +104,22 @@ def _parser() -> argparse.ArgumentParser:
     tables.add_argument("runs", nargs="+", metavar="RUN", help="results.json, a run's .npz, or a folder of them")
     tables.add_argument("--format", choices=("text", "csv", "latex"), default="text", help="csv: one line a robot")
     tables.set_defaults(command=_tables)
+
+    grade = commands.add_parser(
+        "grade",
+        help="handed-in copies of the notebooks: which exercises pass",
+        description="Run every notebook below FOLDER, then the course's own checks on it, into a CSV. Copies graded "
+        "before with the same content are skipped. This runs students' code with your rights: grade in a container, or "
+        "an account of its own.",
+    )
+    grade.add_argument("folder", metavar="FOLDER", type=Path, help="the handed-in copies, in folders of any layout")
+    grade.add_argument("--out", type=Path, default="grades.csv", metavar="FILE", help="the CSV (default grades.csv)")
+    grade.add_argument("--limit", type=float, default=120.0, metavar="S", help="seconds a copy may take (default 120)")
+    grade.add_argument("--notebooks", type=Path, metavar="DIR", help="the solved notebooks (default: the checkout's)")
+    grade.set_defaults(command=_grade)
+
+    doctor = commands.add_parser("doctor", help="what is wrong with this installation, and the remedies")
+    doctor.set_defaults(command=_doctor)
     return parser
 
 
@@ -196,6 +212,24 @@ def _tables(arguments) -> int:
     for line in left_out:
         print(f"mannbv: {line}", file=sys.stderr)
     return 0
+
+
+def _grade(arguments) -> int:
+    from mannbv import grade
+
+    copies, kept = grade.grade(arguments.folder, arguments.out, arguments.notebooks or grade.COURSE, arguments.limit)
+    width = max(len(rows[0]["file"]) for rows in copies)
+    for rows in copies:
+        print(f"{rows[0]['file']:{width}}  {grade.score(rows)}")
+    again = f", {kept} of them graded before with the same content" if kept else ""
+    print(f"{len(copies)} files{again}: {arguments.out}")
+    return 0
+
+
+def _doctor(arguments) -> int:
+    from mannbv import doctor
+
+    return doctor.main()
 
 
 def _print_tables(results: dict) -> None:

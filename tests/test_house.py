@@ -23,7 +23,7 @@ FLOORS = {
     "episode": 7,
     "study": 8,
     **dict.fromkeys(["draw", "check"], 9),
-    "widgets": 10,
+    **dict.fromkeys(["widgets", "grade", "doctor"], 10),
     "__main__": 11,
 }
 BASEMENT = "kernels"  # numba loops: every room may use them, they use no room

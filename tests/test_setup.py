@@ -20,7 +20,8 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-DIRECT = [Requirement(text) for text in PROJECT["dependencies"] + PROJECT["optional-dependencies"]["dev"]]
+EXTRAS = PROJECT["optional-dependencies"].values()
+DIRECT = [Requirement(text) for group in (PROJECT["dependencies"], *EXTRAS) for text in group]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 DOCUMENTS = ["README.md", "environment.md", "CONTRIBUTING.md"]
 
@@ -124,10 +125,24 @@ def test_a_wheel_without_its_scenes_is_noticed(unpacked, tmp_path):
 
 @needs_make
 def test_bare_make_lists_every_target():
-    listed = re.findall(r"^make (\w+) +\S", run("make", cwd=ROOT).stdout, flags=re.MULTILINE)
+    listed = re.findall(r"^make ([\w-]+) +\S", run("make", cwd=ROOT).stdout, flags=re.MULTILINE)
     phony = re.search(r"^\.PHONY: (.+)$", text("Makefile"), flags=re.MULTILINE).group(1).split()
     assert listed == phony
-    assert {"run", "test", "lab", "notebooks", "lint", "clean"} <= set(listed)
+    assert {"run", "test", "test-generic", "exercises", "lab", "notebooks", "lint", "clean"} <= set(listed)
+
+
+@needs_make
+def test_lab_derives_the_readers_copies_and_opens_them():
+    planned = run("make", "--dry-run", "lab", "ARGS=--port=9999", cwd=ROOT).stdout
+    derive, opened = planned.index("tools/course.py\n"), planned.index("-m jupyterlab course ")
+    assert derive < opened
+    assert planned.rstrip().endswith("--port=9999")
+
+
+@needs_make
+def test_the_generic_run_compares_every_notebook_on_one_thread_for_a_plain_processor():
+    (command,) = (line for line in run("make", "-n", "test-generic", cwd=ROOT).stdout.splitlines() if "pytest" in line)
+    assert {"NUMBA_CPU_NAME=generic", "OMP_NUM_THREADS=1", "tools/nbval.ini", "notebooks"} <= set(command.split())
 
 
 PRETENDERS = {  # what stands in for python3, and what the reader must be told
@@ -178,6 +193,14 @@ def test_ci_runs_the_test_command_of_the_readme():
     lines = [line for line in text(".ci/run").splitlines() if line and not line.startswith("#")]
     assert command in lines
     assert "set -euo pipefail" in lines
+
+
+@needs_make
+def test_ci_looks_for_skips_in_every_report_of_the_test_command():
+    written = re.findall(r"--junitxml=(\S+)", run("make", "--dry-run", "test", cwd=ROOT).stdout)
+    assert {Path(report).stem for report in written} == {"pytest", "notebooks", "course"}
+    (guard,) = (line for line in text(".ci/run").splitlines() if "skips.py" in line)
+    assert guard.split("skips.py")[1].split() == written
 
 
 SKIPS = {  # a test file's body -> what the guard must return
@@ -266,6 +289,15 @@ def test_a_notebook_that_must_not_be_stored_is_named_in_one_line_and_left_as_it_
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+def test_the_cell_that_raised_is_named_whatever_counts_an_earlier_run_has_stored(tmp_path):
+    path = notebook(tmp_path / "ran.ipynb", "1", "", "print(6 * 7)", "4")
+    assert store(path).returncode == 0
+    made = json.loads(path.read_text())
+    made["cells"][2]["source"] = ["1 / 0"]
+    path.write_text(json.dumps(made))
+    assert "code cell 3 raised ZeroDivisionError" in store(path).stderr
+
+
 def test_check_notices_outputs_that_differ_from_run_to_run(tmp_path):
     done = store("--check", notebook(tmp_path / "made.ipynb", "import os; os.getpid()"))
     assert done.returncode == 2
@@ -290,6 +322,14 @@ def test_there_are_notebooks_and_each_holds_the_outputs_of_one_run_from_top_to_b
 def test_every_relative_link_leads_somewhere(name):
     links = re.findall(r"\]\((?!https?:|#)([^)#]+)", text(name))
     assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_every_make_target_that_a_document_names_exists(name):
+    targets = set(re.search(r"^\.PHONY: (.+)$", text("Makefile"), flags=re.MULTILINE).group(1).split())
+    named = re.findall(r"(?:^|`)make ([a-z-]+)", text(name), flags=re.MULTILINE)
+    assert named
+    assert set(named) <= targets
 
 
 def test_the_map_names_real_rooms_every_equation_and_every_notebook():
