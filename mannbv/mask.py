@@ -55,8 +55,8 @@ def proximity(
 ) -> Float[Tensor, " n"]:
     """v(g) = γ₁ exp(−γ₂ ‖p − μ‖_g), Eq. (13), p the waypoint nearest along the graph.
 
-    The graph distance [m] runs over known-free cells to the one nearest to the splat, then straight; unknown and
-    occupied cells block, and a splat farther than `limit` [m] or cut off gets weight 0. Without an occupancy: straight.
+    The graph distance [m] runs over known-free cells to the one nearest to the splat, then straight, by way of the
+    border cell next to it for a splat outside the grid; unknown and occupied cells block, and a splat farther than `limit` [m] or cut off gets weight 0. Without an occupancy: straight.
     """
     path = _waypoints(splat_map, path)
     if not (gamma1 > 0 and gamma2 >= 0):
@@ -69,8 +69,11 @@ def proximity(
     lattice, free = occupancy.lattice, occupancy.state == grid.FREE
     sources = lattice.index(path.detach().cpu().numpy())
     along = grid.geodesic(np.where(free, 1.0, np.inf), sources[lattice.inside(sources)], limit / lattice.cell)
-    cells = np.clip(lattice.index(splat_map.means.detach().cpu().numpy()), 0, np.array(lattice.shape) - 1)
+    means = splat_map.means.detach().cpu().double().numpy()
+    there = lattice.index(means)
+    cells = np.clip(there, 0, np.array(lattice.shape) - 1)
     door, rest = grid.nearest(free, cells)
-    distance = (along[door[:, 0], door[:, 1]] + rest) * lattice.cell
+    beyond = np.linalg.norm(means[:, :2] - lattice.centers(cells), axis=1) * ~lattice.inside(there)
+    distance = (along[door[:, 0], door[:, 1]] + rest) * lattice.cell + beyond
     weights = np.where(distance <= limit, gamma1 * np.exp(-gamma2 * np.minimum(distance, limit)), 0.0)
     return torch.from_numpy(weights).to(splat_map.means)

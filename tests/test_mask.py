@@ -120,6 +120,13 @@ def test_the_nearest_waypoint_counts_and_the_limit_cuts():
     assert mask.proximity(splat_map, waypoints, corridor(), 1.0, 1.0, limit=2.1).item() > 0
 
 
+def test_a_splat_outside_the_grid_is_reached_straight_from_its_border_cell():
+    waypoint = torch.tensor([[0.25, 0.25]])  # the centre of the corner cell
+    for away in (0.5, 2.0):
+        found = mask.proximity(at([0.25 - away, 0.25]), waypoint, corridor(), 1.0, 1.0)
+        assert_allclose(found, math.exp(-away), rtol=1e-6)
+
+
 def test_height_does_not_count_on_the_ground():
     flat = mask.proximity(at([1.25, 0.25]), torch.tensor([[0.25, 0.25]]), corridor())
     space = mask.proximity(at([1.25, 0.25, 0.7], dim=3), torch.tensor([[0.25, 0.25, 1.5]]), corridor())
