@@ -55,8 +55,9 @@ def proximity(
 ) -> Float[Tensor, " n"]:
     """v(g) = γ₁ exp(−γ₂ ‖p − μ‖_g), Eq. (13), p the waypoint nearest along the graph.
 
-    The graph distance [m] runs over known-free cells to the one nearest to the splat, then straight, by way of the
-    border cell next to it for a splat outside the grid; unknown and occupied cells block, and a splat farther than `limit` [m] or cut off gets weight 0. Without an occupancy: straight.
+    The graph distance [m] runs over known-free cells to the one nearest to the splat, then straight; a splat outside
+    the grid is reached by way of the border cell next to it. Unknown and occupied cells block, and a splat farther than
+    `limit` [m] or cut off gets weight 0. Without an occupancy: straight.
     """
     path = _waypoints(splat_map, path)
     if not (gamma1 > 0 and gamma2 >= 0):

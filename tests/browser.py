@@ -126,7 +126,7 @@ def move(box, times: int = 8) -> float:
         handle = box.locator("xpath=ancestor::*[contains(@class, 'widget-vbox')][1]").locator(".noUi-handle")
     handle = handle.first
     handle.focus()
-    return statistics.median(changed(box, lambda: handle.press("ArrowRight")) for _ in range(times))
+    return changed(box, [lambda key=key: handle.press(f"Arrow{key}") for key in ("Right", "Left") * (times // 2)])
 
 
 def drag(page, box, steps: int = 8) -> float:
@@ -135,18 +135,22 @@ def drag(page, box, steps: int = 8) -> float:
     x, y = place["x"] + place["width"] / 2, place["y"] + place["height"] / 2
     page.mouse.move(x, y)
     page.mouse.down()
-    taken = [changed(box, lambda k=k: page.mouse.move(x + 5 * k, y + 3 * k)) for k in range(1, steps + 1)]
+    taken = changed(box, [lambda k=k: page.mouse.move(x + 5 * k, y + 3 * k) for k in range(1, steps + 1)])
     page.mouse.up()
+    return taken
+
+
+def changed(box, acts, patience: float = MOVE) -> float:
+    """Do some acts, each answered by a picture, one of them at least another one; gives the median [ms] to draw it."""
+    before, after, taken = pixels(box), set(), []
+    for act in acts:
+        box.evaluate(STOPWATCH)
+        act()
+        taken.append(wait(lambda: box.evaluate("box => box.took"), patience, "the explorer to answer"))
+        after.add(pixels(box))
+    if after <= {before}:
+        raise TimeoutError(f"{len(acts)} moves, and the picture is the same")
     return statistics.median(taken)
-
-
-def changed(box, act, patience: float = MOVE) -> float:
-    """Do act() and wait until the explorer's picture is another one; gives the milliseconds until it was drawn."""
-    before = pixels(box)
-    box.evaluate(STOPWATCH)
-    act()
-    wait(lambda: pixels(box) != before, patience, "the picture to change")
-    return box.evaluate("box => box.took")
 
 
 def pixels(box) -> str:

@@ -64,6 +64,9 @@ def test_a_handle_is_dragged_by_the_mouse(tmp_path, page):
 
 
 def test_a_picture_that_does_not_change_is_noticed(page):
-    page.set_content('<div class="mannbv-canvas" data-step="1"><canvas></canvas><button></button></div>')
-    with pytest.raises(TimeoutError, match="the picture to change"):
-        browser.changed(browser.boxes(page)[0], lambda: None, patience=0.5)
+    page.set_content('<div class="mannbv-canvas" data-step="1"><canvas></canvas></div>')
+    (box,) = browser.boxes(page)
+    with pytest.raises(TimeoutError, match="the explorer to answer"):
+        browser.changed(box, [lambda: None], patience=0.5)
+    with pytest.raises(TimeoutError, match="1 moves, and the picture is the same"):
+        browser.changed(box, [lambda: box.evaluate("box => { box.dataset.step = 2; }")])

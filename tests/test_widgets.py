@@ -158,6 +158,9 @@ def test_a_dragged_handle_sets_its_setting_and_is_always_answered(toy):
     assert math.isclose(toy.values["turn"], math.pi / 2)
     moved(toy, "number", 3.0, 0.0, along="x")
     assert toy.values["number"] == 3.0 == toy.controls["number"].value
+    moved(toy, "number", 9.0, 0.0, along="x")
+    assert toy.values["number"] == 4.0  # not past its end
+    moved(toy, "number", 3.0, 0.0, along="x")
     step = toy.canvas.picture["step"]
     moved(toy, "number", 3.0, 0.0, along="x")  # nothing new, yet the browser waits
     assert toy.canvas.picture["step"] == step + 1
@@ -196,6 +199,10 @@ def test_a_sweep_reaches_both_ends_and_the_slider_too(setting, ends):
     assert (sweep[0], sweep[-1]) == pytest.approx(ends) and sweep == sorted(sweep)
     bounds = (10**slider.min, 10**slider.max) if setting.log else (slider.min, slider.max)
     assert bounds == pytest.approx(ends) and slider.value == setting.value
+
+
+def test_a_whole_number_stays_whole_when_its_handle_is_slid():
+    assert [Range("n", 0, 5, 2).slid(along) for along in (-1.0, 2.6, 9.0)] == [0, 3, 5]
 
 
 # ---- items

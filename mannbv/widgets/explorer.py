@@ -58,7 +58,8 @@ class Explorer(ipywidgets.VBox):
 
     def _moved(self, move: dict) -> None:
         setting = self.settings[move["name"]]
-        value = move[move["along"]] if move["along"] else setting.moved(move["x"], move["y"], self.values)
+        x, y, along = move["x"], move["y"], move["along"]
+        value = setting.slid(move[along]) if along else setting.moved(x, y, self.values)
         step = self.canvas.picture["step"]
         self.move(**{move["name"]: value})
         if self.canvas.picture["step"] == step:  # nothing changed, but the browser waits for an answer

@@ -31,13 +31,19 @@ class Range:
         options = {"value": self.value, "step": self.step, "description": self.label, "continuous_update": self.live}
         options |= _LOOK | {"layout": {"width": "340px"}}
         if self.log:
-            return ipywidgets.FloatLogSlider(min=math.log10(self.low), max=math.log10(self.high), **options)
+            bounds = {"min": math.log10(self.low), "max": math.log10(self.high)}
+            return ipywidgets.FloatLogSlider(**bounds, readout_format=".3r", **options)
         kind = ipywidgets.IntSlider if self._whole else ipywidgets.FloatSlider
         return kind(min=self.low, max=self.high, **options)
 
     def button(self) -> ipywidgets.Widget | None:
         """The play button, to be linked with the slider."""
-        return self.play and ipywidgets.Play(min=self.low, max=self.high, interval=self.play)
+        return self.play and ipywidgets.Play(value=self.value, min=self.low, max=self.high, interval=self.play)
+
+    def slid(self, along: float) -> int | float:
+        """The value when a handle was slid to `along`."""
+        near = min(max(along, self.low), self.high)
+        return round(near) if self._whole else near
 
     def sweep(self) -> list:
         """Values from end to end, for tests."""
@@ -116,6 +122,10 @@ class Turn:
         """The direction from the place `about` to (x, y)."""
         cx, cy = values[self.about]
         return math.atan2(y - cy, x - cx)
+
+    def slid(self, along: float) -> float:
+        """The value when a handle was slid to `along` on an axis of angles."""
+        return along
 
     def sweep(self) -> list:
         """All around."""
