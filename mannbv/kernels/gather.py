@@ -31,8 +31,10 @@ def gradient(sums, places, starts, index, splats, means, log_scales, rotations, 
             s = index[i]
             response(s, splats[i], means, log_scales, rotations, rotation, position, lens, work, terms)
             for a in range(SHAPE):
+                slope = F(0)
                 for j in range(TERMS):
-                    grads[s, a] += terms[a, j] * total[j]
+                    slope += terms[a, j] * total[j]
+                grads[s, a] = slope
             for a in range(3):
                 grads[s, a] += rotation[a, 2] * total[TERMS + 3]  # nearer or farther shows in the depth itself
                 grads[s, SHAPE + a] = total[TERMS + a]
@@ -50,6 +52,7 @@ def information(
     k = len(index)
     for chunk in prange(CHUNKS):
         work, terms, total = workspace(means), np.empty((SHAPE, TERMS), means.dtype), np.empty(MOMENTS, means.dtype)
+        gram = np.empty((TERMS, TERMS), means.dtype)
         for i in range(k * chunk // CHUNKS, k * (chunk + 1) // CHUNKS):
             s = index[i]
             if s >= n:
@@ -60,12 +63,17 @@ def information(
                     total[j] += table[places[place], j]
             response(s, splats[i], means, log_scales, rotations, rotation, position, lens, work, terms)
             squares = total[MOMENTS - 1]
+            for j in range(TERMS):
+                for m in range(TERMS):
+                    gram[j, m] = total[GRAM[j, m]]
             for a in range(SHAPE):
+                square = F(0)
                 for j in range(TERMS):
                     along = F(0)
                     for m in range(TERMS):
-                        along += total[GRAM[j, m]] * terms[a, m]
-                    rows[s, a] += terms[a, j] * along
+                        along += gram[j, m] * terms[a, m]
+                    square += terms[a, j] * along
+                rows[s, a] = square
             for a in range(3):
                 ahead, cross = rotation[a, 2] / sigma_depth, F(0)
                 for j in range(TERMS):
