@@ -173,3 +173,5 @@ def test_auto_draws_with_the_kernel_where_it_applies_and_with_the_twin_elsewhere
     assert render.engine("auto", cast(splats, torch.float32), pose.position.requires_grad_()) is None
     with pytest.raises(ValueError, match="the kernel serves maps in float32"):
         render.render(splats, camera, pose, "tiled")
+    with pytest.warns(UserWarning, match=r"this map is on meta: the dense twin draws it"):  # any device but the CPU
+        assert render.engine("tiled", cast(splats, torch.float32).to("meta")) is None

@@ -1,5 +1,7 @@
 """Which renderer draws: the fast kernel where it applies, the dense reference elsewhere."""
 
+import warnings
+
 from torch import Tensor
 
 from mannbv.camera import Camera
@@ -14,13 +16,17 @@ METHODS = ("auto", "dense", "tiled")
 def engine(method: str, splat_map: SplatMap, *others: Tensor):
     """The kernel's module that `method` means here (`row` for flatland, `tiles` for space), or None for the dense twin.
 
-    A kernel serves float32 on the CPU, with no gradient asked of `others`. Raises ValueError for an unknown method, and
-    for "tiled" where no kernel applies.
+    A kernel serves float32 on the CPU, with no gradient asked of `others`. "tiled" on another device warns and leaves
+    it to the twin. Raises ValueError for an unknown method, and for "tiled" where no kernel applies.
     """
     if method not in METHODS:
         raise ValueError(f"render: unknown method '{method}'; use {', '.join(METHODS)}")
     fitting = next((kernel for kernel in (row, tiles) if kernel.serves(splat_map, *others)), None)
-    if method == "tiled" and fitting is None:
+    device = splat_map.means.device.type
+    if method == "tiled" and device != "cpu":
+        text = f"render: the kernel runs on the CPU, this map is on {device}: the dense twin draws it"
+        warnings.warn(text, stacklevel=3)
+    elif method == "tiled" and fitting is None:
         raise ValueError("render: the kernel serves maps in float32 on the CPU, without gradients in the pose")
     return None if method == "dense" else fitting
 
