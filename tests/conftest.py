@@ -5,6 +5,7 @@ from pathlib import Path
 
 import hypothesis
 import jaxtyping
+import numba
 import numpy as np
 import pytest
 import torch
@@ -24,6 +25,7 @@ def _rooms() -> list[str]:
 jaxtyping.install_import_hook(_rooms(), "beartype.beartype")
 
 torch.set_num_threads(1)
+numba.set_num_threads(1)
 hypothesis.settings.register_profile("mannbv", deadline=None, derandomize=True, database=None)
 hypothesis.settings.load_profile("mannbv")
 

@@ -52,6 +52,16 @@ def behind(blend):
     return np.array(weights(blend.flip(0))[::-1])
 
 
+def colour_of_all(color, true_color, depth, true_depth, psi):
+    seen = true_depth > 0
+    return (color - true_color).abs().sum(1).mean() + psi * (depth - true_depth)[seen].abs().mean()
+
+
+def entries_added(pixel, depth, std, camera):
+    slope = (pixel - camera.width / 2) / camera.focal
+    return depth * slope, depth / camera.focal * math.sqrt(std**2 - 0.3) / (1 + abs(slope))
+
+
 def scale_only(pixel, depth, std, camera):
     return place(pixel, depth, std, camera)[0], depth / camera.focal * std
 
@@ -64,7 +74,17 @@ def scale_only(pixel, depth, std, camera):
         ("project", lambda x, z, f, w: w / 2 + f * math.atan(x / z), "not its angle"),
         ("project", lambda x, z, f, w: w / 2 + f * x / math.sqrt(x * x + z * z), "not the range"),
         ("project", lambda x, z, f, w: w / 2 + x / z, "the unit"),
+        ("project", lambda x, z, f, w: int(f * x / z + w / 2), "a whole pixel"),
+        ("project", lambda x, z, f, w: round(f * x / z + w / 2), "a whole pixel"),
+        ("project", lambda x, z, f, w: math.ceil(f * x / z + w / 2), "a whole pixel"),
+        ("project", lambda x, z, f, w: f * x // z + w / 2, "a whole pixel"),
+        ("project", lambda x, z, f, w: f * x / z + w // 2, "an odd width"),
+        ("project", lambda x, z, f, w: f * x / z + (w - 1) / 2, "half a pixel off"),
+        ("project", lambda x, z, f, w: f * x / z + w, "its right edge"),
+        ("project", lambda x, z, f, w: f * z / x + w / 2, "upside down"),
+        ("project", lambda x, z, f, w: f * x / z + w / 3, "too small for x = 0.3, z = 0.7, f = 32, w = 64"),
         ("jacobian", lambda x, z, f: (f / z, f * x / z**2), "the sign of ∂u/∂z"),
+        ("jacobian", lambda x, z, f: (f / z, abs(f * x / z**2)), "the sign of ∂u/∂z"),
         ("jacobian", lambda x, z, f: (-f * x / z**2, f / z), "x first"),
         ("jacobian", lambda x, z, f: (f / z, -f * x / z), "square of z"),
         ("jacobian", lambda x, z, f: (1 / z, -x / z**2), "px/m"),
@@ -74,17 +94,33 @@ def scale_only(pixel, depth, std, camera):
         ("weights", lambda b: b * torch.cumprod(1 - b, 0), "hides itself"),
         ("weights", lambda b: weights(b) / b.numpy(), "that is the transmittance"),
         ("weights", lambda b: b * (1 - (torch.cumsum(b, 0) - b)), "do not add up"),
+        ("weights", lambda b: np.cumprod(b.numpy()), "let through, not"),
+        ("weights", lambda b: b / b.sum(), "need not sum to one"),
         ("weights", lambda b: weights(b) / weights(b).sum(), "need not sum to one"),
         ("loss", lambda c, tc, d, td, p: loss(c, tc, d, td, p) * (td > 0).sum(), "the library takes the mean"),
         ("loss", lambda c, tc, d, td, p: ((c - tc).abs().sum(1) + p * (d - td).abs()).mean(), "counts for neither"),
         ("loss", lambda c, tc, d, td, p: (((c - tc) ** 2).sum(1) + p * (d - td) ** 2)[td > 0].mean(), "squares"),
         ("loss", lambda c, tc, d, td, p: ((c - tc).sum(1) + p * (d - td))[td > 0].mean(), "must not cancel"),
         ("loss", lambda c, tc, d, td, p: (p * (c - tc).abs().sum(1) + (d - td).abs())[td > 0].mean(), "ψ weighs"),
+        ("loss", colour_of_all, "neither term"),
+        ("loss", lambda c, tc, d, td, p: loss(c, tc, d, td, p) * (td > 0).sum() / len(d), "divide by the pixels"),
+        ("loss", lambda c, tc, d, td, p: ((c - tc).abs().sum(1) + p * (d - td).abs())[d != 0].mean(), "*true* depth"),
         ("loss", lambda c, tc, d, td, p: loss(c / 3, tc / 3, d, td, p), "added, not averaged"),
         ("place", lambda p, d, s, c: (d * p / c.focal, place(p, d, s, c)[1]), "from the left edge"),
         ("place", scale_only, "only in the middle"),
         ("place", lambda p, d, s, c: place(p, d, math.sqrt(s * s + 0.3), c), "adds its low pass"),
         ("place", lambda p, d, s, c: (place(p, d, s, c)[0], place(c.width / 2, d, s, c)[1]), "J has two entries"),
+        ("place", lambda p, d, s, c: place(p, d, math.sqrt(s * s + 0.6), c), "adds the low pass itself"),
+        ("place", lambda p, d, s, c: place(p, d, math.hypot(s - 0.3, math.sqrt(0.3)), c), "square of `std`"),
+        ("place", lambda p, d, s, c: place(p, d, math.sqrt(s * s + 0.3 - 0.09), c), "square of `std`"),
+        ("place", lambda p, d, s, c: (-place(p, d, s, c)[0], place(p, d, s, c)[1]), "the other side"),
+        ("place", lambda p, d, s, c: place(p + 0.5, d, s, c), "half a pixel off"),
+        ("place", lambda p, d, s, c: (place(p, d, s, c)[0], place(p, d, s, c)[1] ** 2), "squared"),
+        ("place", lambda p, d, s, c: (place(p, d, s, c)[0], math.log(place(p, d, s, c)[1])), "logarithm"),
+        ("place", lambda p, d, s, c: place(p, d, s, c)[::-1], "swapped"),
+        ("place", entries_added, "do not add up"),
+        ("place", lambda p, d, s, c: place(2 * p, d, s, c), "the place is too large for pixel 32 of 64"),
+        ("place", lambda p, d, s, c: place(p, d, 2 * s, c), "the size is too large for pixel 32 of 64, 2 m ahead"),
     ],
 )  # fmt: skip
 def test_a_plausible_wrong_answer_gets_its_hint(capsys, exercise, mine, hint):

@@ -56,12 +56,21 @@ def test_the_stored_solution_agrees_and_an_empty_one_is_to_do(capsys, name, prai
         ("literal", lambda h, H, d, k: (h / (H + k * d)).sum(), "the new view has a λ too"),
         ("literal", lambda h, H, d, k: ((h + d) / (H + d)).sum(), "of its own"),
         ("literal", lambda h, H, d, k: ((h + d) / (H + d + k * d)).sum(), "not one of the past ones"),
+        ("literal", lambda h, H, d, k: ((h + d) / H).sum(), "has a λ, too"),
+        ("literal", lambda h, H, d, k: ((h + d) / (H + d) / k).sum(), "sum of the past views"),
+        ("literal", lambda h, H, d, k: ((h + d) / (H + k * d)).mean(), "the trace is a sum"),
         ("literal", lambda h, H, d, k: (h + d).sum() / (H + k * d).sum(), "a ratio of sums"),
         ("literal", lambda h, H, d, k: (h + d) / (H + k * d), "shape (5, 9)"),
         ("measure", lambda F, H: torch.logdet(F + H), "must be worth 0"),
         ("measure", lambda F, H: -torch.trace(F @ torch.linalg.inv(H)), "must be worth more"),
         ("measure", lambda F, H: torch.trace(F), "must gain less"),
         ("measure", lambda F, H: (F.diagonal() / H.diagonal()).sum(), "the names of the parameters"),
+        ("measure", lambda F, H: torch.det(F) / torch.det(H), "of one direction only"),
+        ("measure", lambda F, H: torch.linalg.eigvals(torch.linalg.solve(H, F)).real.min(), "of one direction only"),
+        ("measure", lambda F, H: torch.logdet(F) - torch.logdet(H), "must be worth 0"),
+        ("measure", lambda F, H: torch.trace(F @ torch.linalg.inv(H)), "Eq. (5) itself"),
+        ("measure", lambda F, H: 0.5 * torch.trace(torch.linalg.solve(H, F)), "Eq. (5) itself"),
+        ("measure", lambda F, H: F, "one number"),
         ("measure", lambda F, H: F.no_such_thing, "it stops with AttributeError"),
     ],
 )
@@ -70,5 +79,6 @@ def test_a_wrong_answer_gets_its_hint(capsys, name, wrong, hint):
     assert hint in capsys.readouterr().out
 
 
-def test_the_trace_of_eq_5_is_a_fair_measure_too():
-    assert check.measure(lambda F, H: torch.trace(F @ torch.linalg.inv(H)))
+def test_other_measures_of_ones_own_behave_too():
+    assert check.measure(lambda F, H: torch.trace(F @ torch.linalg.inv(F + H)))
+    assert check.measure(lambda F, H: torch.linalg.eigvals(torch.linalg.solve(H, F)).real.max())

@@ -5,6 +5,7 @@ import math
 import pytest
 import torch
 
+from mannbv import splats
 from mannbv.check import splats as check
 from mannbv.splats import SplatMap
 
@@ -17,6 +18,12 @@ def covariance(log_scales, angle):
 
 def scaled_once(log_scales, angle):
     return covariance(log_scales / 2, angle)
+
+
+def untransposed(log_scales, angle):
+    cos, sin = math.cos(angle), math.sin(angle)
+    R, S = torch.tensor([[cos, -sin], [sin, cos]]), torch.diag(torch.exp(log_scales))
+    return R @ S @ S @ R
 
 
 def union(a, b):
@@ -66,6 +73,10 @@ def test_right_answers_agree(capsys, exercise, mine, words):
         ("covariance", lambda s, a: covariance(torch.log(s.abs()), a), "where is exp?"),
         ("covariance", lambda s, a: covariance(s, math.radians(a)), "in radians already"),
         ("covariance", lambda s, a: covariance(s, a)[0], "shape (2,) where (2, 2) is wanted"),
+        ("covariance", lambda s, a: covariance(2 * s, a), "S² already"),
+        ("covariance", untransposed, "not symmetric"),
+        ("covariance", lambda s, a: torch.linalg.cholesky(covariance(s, a)), "for s = [-0.5, -1.6], a = 0.4"),
+        ("logit", lambda o: torch.log(o / (1 - o)), "it stops with TypeError"),
         ("logit", lambda o: math.log((1 - o) / o), "the sign"),
         ("logit", lambda o: 1 / (1 + math.exp(-o)), "its inverse is wanted"),
         ("logit", math.log, "inverse of exp"),
@@ -78,13 +89,19 @@ def test_right_answers_agree(capsys, exercise, mine, words):
         ("size", lambda n, d: n * {2: 32, 3: 48}[d], "three numbers"),
         ("union", lambda a, b: union(b, a), "other order"),
         ("union", lambda a, b: a, "second map is missing"),
+        ("union", lambda a, b: list(union(a, b).tensors()), "a SplatMap is wanted, got list"),
+        ("union", lambda a, b: splats.union(a, b), "`splats.union` itself"),
         ("union", lambda a, b: union(a, union(b, b)), "where (40,) is wanted"),
         ("pillar", lambda c, r, n: pillar(c, r, n, log=lambda s: s), "logarithms of scales"),
         ("pillar", lambda c, r, n: pillar(c, r, n, tangent=0), "long axis should follow the circle"),
         ("pillar", lambda c, r, n: pillar(c, r, n, thin=0.2), "it leaks"),
         ("pillar", lambda c, r, n: pillar(c, r, n, share=0.25), "it has gaps"),
         ("pillar", lambda c, r, n: pillar(c, r, n, shift=0.2), "do not lie on the circle"),
-        ("pillar", lambda c, r, n: pillar(c, r, n // 2), "are wanted"),
+        ("pillar", lambda c, r, n: pillar(c, r, n, share=4), "longer than the pillar is wide"),
+        ("pillar", lambda c, r, n: pillar(c, r, n, thin=0.3), "turned, or thicker than long?"),
+        ("pillar", lambda c, r, n: pillar(c, r, n // 2), "12 splats where 24 are wanted"),
+        ("pillar", lambda c, r, n: pillar(c, r, 1), "1 splat where 24 are wanted"),
+        ("pillar", lambda c, r, n: SplatMap.empty(3).select([0] * 0), "0 splats where 24"),
         ("pillar", lambda c, r, n: 1.0, "a SplatMap is wanted, got float"),
         ("pillar", lambda c, r, n: 1 / 0, "it stops with ZeroDivisionError"),
     ],

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from mannbv import consensus, geometry, network
-from mannbv.check.verdict import compare
+from mannbv.check.verdict import Fault, ask, compare, say
 
 
 def residuals(mine: Callable) -> bool:
@@ -141,27 +141,20 @@ def solver(mine: Callable) -> bool:
         gains /= consensus.scale_of(gains)
         own, best = (consensus.solve(gains, graph, np.zeros(4), name)[-1].yaws for name in ("own", "optimum"))
         try:
-            yaws = mine(gains.copy(), graph, own.copy(), consensus.Settings())
-        except Exception as error:
-            return _say(f"it stops with {type(error).__name__}: {error}".splitlines()[0])
-        if yaws is None or yaws is ...:
-            return _say("to do")
+            yaws = ask(mine, gains.copy(), graph, own.copy(), consensus.Settings())
+        except Fault as fault:
+            return say(str(fault))
         yaws = yaws[-1].yaws if isinstance(yaws, list) and hasattr(yaws[-1], "yaws") else np.asarray(yaws, float)
         if yaws.shape != (4,) or not np.isfinite(yaws).all():
-            return _say(f"one finite yaw a robot is wanted, shape (4,), got shape {yaws.shape}")
+            return say(f"one finite yaw a robot is wanted, shape (4,), got shape {yaws.shape}")
         if np.abs(yaws).max() > 2 * np.pi:
-            return _say("yaws are in radians, and in [−π, π); these are larger")
+            return say("yaws are in radians, and in [−π, π); these are larger")
         top = consensus.value(gains, best)
         shares.append([consensus.value(gains, views) / top for views in (yaws, own)])
     reached, alone = np.mean(shares, 0)
     if abs(reached - alone) < 1e-6:
-        return _say("just everyone's own view: nothing that a teammate's map says has been used")
+        return say("just everyone's own view: nothing that a teammate's map says has been used")
     if reached < alone:
-        return _say("worse than everyone's own view: is it the largest gain that you pick, and in the right map?")
-    print(f"agrees better than own views: {reached:.0%} of the optimum on average, where those have {alone:.0%}")
-    return True
-
-
-def _say(text: str) -> bool:
-    print(text)
-    return False
+        return say("worse than everyone's own view: is it the largest gain that you pick, and in the right map?")
+    praise = f"agrees better than own views: {reached:.0%} of the optimum on average, where those have {alone:.0%}"
+    return say(praise, True)

@@ -2,10 +2,11 @@
 
 import math
 
+import numpy as np
 import torch
 
 from mannbv.camera import LOW_PASS, Camera
-from mannbv.check.verdict import compare
+from mannbv.check.verdict import compare, side
 
 
 def project(mine) -> bool:
@@ -14,9 +15,19 @@ def project(mine) -> bool:
     def true(x, z, focal, width):
         return Camera(width, None, focal).project(torch.tensor([[x, z]], dtype=torch.float64))[0].item()
 
+    whole = "a position need not be a whole pixel"
     return compare(
-        mine, true, [(0.5, 2.0, 32.0, 64), (-1.5, 1.0, 40.0, 50), (0.0, 3.0, 32.0, 64)],
+        mine, true, [(0.3, 0.7, 32.0, 64), (0.5, 2.0, 32.0, 64), (-1.5, 1.0, 40.0, 51)],
         [
+            (lambda *case: round(true(*case)), whole),
+            (lambda *case: math.floor(true(*case)), whole),
+            (lambda *case: math.ceil(true(*case)), whole),
+            (lambda *case: int(true(*case)), whole),
+            (lambda x, z, f, w: f * x // z + w / 2, whole),
+            (lambda x, z, f, w: f * x / z + w // 2, "half of an odd width is no whole number of pixels"),
+            (lambda x, z, f, w: f * x / z + (w - 1) / 2, "half a pixel off: positions count from the left edge"),
+            (lambda x, z, f, w: f * x / z + w, "straight ahead lies the middle of the image, not its right edge"),
+            (lambda x, z, f, w: f * z / x + w / 2, "upside down: what is twice as far away looks half as far aside"),
             (lambda x, z, f, w: f * x / z, "position 0 is the left edge of the image, not its middle"),
             (lambda x, z, f, w: w / 2 - f * x / z, "the sign: what lies to the right has the larger position"),
             (lambda x, z, f, w: f * math.atan2(x, z) + w / 2, "an image is flat: the slope of the ray, not its angle"),
@@ -36,6 +47,7 @@ def jacobian(mine) -> bool:
         mine, true, [(0.5, 2.0, 32.0), (-0.9, 1.5, 40.0), (2.0, 5.0, 32.0)],
         [
             (lambda x, z, f: (f / z, f * x / z**2), "the sign of ∂u/∂z: what moves away moves towards the middle"),
+            (lambda x, z, f: (f / z, abs(f * x / z**2)), "the sign of ∂u/∂z: what moves away moves towards the middle"),
             (lambda x, z, f: (-f * x / z**2, f / z), "x first, then z"),
             (lambda x, z, f: (f / z, -f * x / z), "∂u/∂z must fall with the square of z"),
             (lambda x, z, f: (1 / z, -x / z**2), "the unit is px/m: where is the focal length?"),
@@ -63,6 +75,8 @@ def weights(mine) -> bool:
             (lambda b: b * torch.cumprod(1 - b, 0), "a splat hides itself: the product ends before i"),
             (lambda b: true(b) / b, "that is the transmittance; how much of it does the splat take?"),
             (added, "two veils do not add up to one darker veil: multiply what each lets through"),
+            (lambda b: torch.cumprod(b, 0), "multiply what the splats before let through, not what they take"),
+            (lambda b: b / b.sum(), "the weights need not sum to one: the rest shines through"),
             (lambda b: true(b) / true(b).sum(), "the weights need not sum to one: the rest shines through"),
         ],
     )  # fmt: skip
@@ -82,6 +96,12 @@ def loss(mine) -> bool:
     def everywhere(c, tc, d, td, psi):
         return true(c, tc, d, td, psi, seen=torch.ones_like(td, dtype=torch.bool))
 
+    def colours_everywhere(c, tc, d, td, psi):
+        return (c - tc).abs().sum(1).mean() + psi * (d - td).abs()[td > 0].mean()
+
+    def by_rendered(c, tc, d, td, psi):
+        return true(c, tc, d, td, psi, seen=d > 0)
+
     def signed(c, tc, d, td, psi):
         return ((c - tc).sum(1) + psi * (d - td))[td > 0].mean()
 
@@ -94,15 +114,19 @@ def loss(mine) -> bool:
     def case(seed, psi, missing):
         draw = torch.Generator().manual_seed(seed)
         a, b, d, e = (torch.rand(6, k, generator=draw, dtype=torch.float64) for k in (3, 3, 1, 1))
-        truth = 1 + e[:, 0]
+        truth, depth = 1 + e[:, 0], 1 + 2 * d[:, 0]
         truth[:missing] = 0.0
-        return a, b, 1 + 2 * d[:, 0], truth, psi
+        depth[4:] *= missing == 0  # rendered where nothing is
+        return a, b, depth, truth, psi
 
     return compare(
         mine, true, [case(0, 0.5, 0), case(1, 0.2, 2), case(2, 0.9, 1)],
         [
             (total, "that is the sum over pixels, as Eq. (2) writes it; the library takes the mean"),
             (everywhere, "a pixel without a depth, 0 m, counts for neither colour nor depth"),
+            (colours_everywhere, "a pixel without a depth counts for neither term: drop its colour, too"),
+            (lambda *c: total(*c) / len(c[3]), "divide by the pixels that count, not by all of them"),
+            (by_rendered, "it is the *true* depth that says which pixels count"),
             (lambda *c: true(*c, power=2), "those are squares: L1 takes absolute values"),
             (signed, "too much and too little must not cancel: where are the absolute values?"),
             (swapped, "ψ weighs the depth, not the colour"),
@@ -114,12 +138,31 @@ def loss(mine) -> bool:
 def place(mine) -> bool:
     """mine(pixel, depth [m], std [px], camera) → (x [m], scale [m]) of the round splat that looks so."""
 
-    def true(pixel, depth, std, camera, low_pass=LOW_PASS, slanted=True, half=0.5):
+    def true(pixel, depth, std, camera, low_pass=LOW_PASS, stretch=math.hypot, half=0.5):
         slope = (pixel - half * camera.width) / camera.focal
-        stretch = math.hypot(1, slope) if slanted else 1.0
-        return depth * slope, depth / camera.focal * math.sqrt(max(std**2 - low_pass, 0.0)) / stretch
+        return depth * slope, depth / camera.focal * math.sqrt(max(std**2 - low_pass, 0.0)) / stretch(1, slope)
+
+    def middle(*slopes):
+        return 1.0
+
+    def added(*slopes):
+        return sum(map(abs, slopes))
+
+    def moved(pixels):
+        return lambda pixel, *rest: true(pixel + pixels, *rest)
+
+    def resized(change):
+        """Another size in the right place; change: a function of the right size and the case."""
+        return lambda *case: (true(*case)[0], change(true(*case)[1], *case))
+
+    def gap(case, answer, wanted):
+        pixel, depth, std, camera = case
+        asked = f"pixel {pixel:g} of {camera.width}, {depth:g} m ahead, {std:g} px wide"
+        part = int(np.argmax(np.abs(answer - wanted)))
+        return f"the {('place', 'size')[part]} is {side(float(answer[part]), float(wanted[part]))} for {asked},"
 
     wide, narrow = Camera.from_fov(64), Camera.from_fov(80, fov=1.2)
+    variance = "the low pass is a variance [px²]: it belongs to the square of `std`"
     edge = "pixels count from the left edge, x from the middle"
     return compare(
         mine, true, [(32.0, 2.0, 3.0, wide), (10.0, 1.5, 2.0, wide), (60.0, 4.0, 1.0, narrow)],
@@ -127,8 +170,19 @@ def place(mine) -> bool:
             (lambda *c: true(*c, half=0.0), edge),
             (lambda *c: (true(*c, half=0.0)[0], true(*c)[1]), edge),
             (lambda *c: true(*c, low_pass=0.0), "it comes out too wide: the camera adds its low pass to the variance"),
-            (lambda *c: true(*c, slanted=False), "too wide away from the middle: J has two entries"),
-            (lambda *c: true(*c, low_pass=0.0, slanted=False), "right only in the middle and without the low pass"),
-            (lambda *c: true(*c, low_pass=math.sqrt(LOW_PASS)), "the low pass is a variance [px²]"),
+            (lambda *c: true(*c, low_pass=-LOW_PASS), "the camera adds the low pass itself: take it off first"),
+            (lambda *c: true(*c, stretch=middle), "too wide away from the middle: J has two entries"),
+            (lambda *c: true(*c, low_pass=0.0, stretch=middle), "right only in the middle and without the low pass"),
+            (lambda *c: true(*c, stretch=added), "the two entries of J do not add up: how long is a vector?"),
+            (lambda *c: true(*c, low_pass=math.sqrt(LOW_PASS)), variance),
+            (lambda *c: true(*c, low_pass=LOW_PASS**2), variance),
+            (resized(lambda size, p, d, s, c: size * (s - LOW_PASS) / math.sqrt(s**2 - LOW_PASS)), variance),
+            (lambda *c: (-true(*c)[0], true(*c)[1]), "it lands on the other side: a sign"),
+            (moved(0.5), "half a pixel off: `pixel` is a position already"),
+            (moved(-0.5), "half a pixel off: `pixel` is a position already"),
+            (resized(lambda size, *c: size**2), "the size is squared: a standard deviation [m] is wanted"),
+            (resized(lambda size, *c: math.log(size)), "the size in metres is wanted, not its logarithm"),
+            (lambda *c: true(*c)[::-1], "swapped: first the place, then the size"),
         ],
+        gap=gap,
     )  # fmt: skip

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import torch
 
 from mannbv import information
-from mannbv.check.verdict import compare
+from mannbv.check.verdict import Fault, ask, compare, say
 
 
 def _draw(seed: int, *shape: int) -> torch.Tensor:
@@ -49,7 +49,7 @@ def literal(mine: Callable) -> bool:
 
     def case(seed: int, views: int) -> tuple:
         acquired, prior = _draw(seed, 2, 5, 9) ** 2
-        return acquired, prior, 0.3, views
+        return acquired, prior, 0.1 + _draw(seed + 9, 9) ** 2, views
 
     def truth(acquired, prior, damping, views):
         return information.gain(acquired, prior, damping=damping, literal_views=views)
@@ -66,6 +66,9 @@ def literal(mine: Callable) -> bool:
             (lambda h, H, d, k: (h / (H + k * d)).sum(), "the new view has a λ too"),
             (lambda h, H, d, k: ((h + d) / (H + d)).sum(), "each of the past views has a λ of its own"),
             (lambda h, H, d, k: ((h + d) / (H + (k + 1) * d)).sum(), "the new view is not one of the past ones"),
+            (lambda h, H, d, k: ((h + d) / H).sum(), "each of the past views has a λ, too"),
+            (lambda h, H, d, k: ((h + d) / (k * (H + d))).sum(), "the prior is the sum of the past views already"),
+            (lambda h, H, d, k: ((h + d) / (H + k * d)).mean(), "a mean: the trace is a sum"),
             (lambda h, H, d, k: (h + d).sum() / (H + k * d).sum(), "a ratio of sums: the trace is a sum of ratios"),
         ],
     )
@@ -74,30 +77,29 @@ def literal(mine: Callable) -> bool:
 def measure(mine: Callable) -> bool:
     """mine(F (p, p) of a view, H (p, p) of what is known) → its worth: any number that behaves like one."""
     known, view = (J.T @ J + 0.5 * torch.eye(4) for J in (_draw(0, 6, 4), _draw(1, 6, 4)))
-    nothing, mix = torch.zeros_like(view), _draw(2, 4, 4) + 3 * torch.eye(4)
+    mix, one = _draw(2, 4, 4) + 3 * torch.eye(4), _draw(3, 1, 4)
     asked = {
-        "view": (view, known), "nothing": (nothing, known), "more": (2 * view, known), "wiser": (view, 3 * known),
-        "mixed": (mix.T @ view @ mix, mix.T @ known @ mix),
+        "view": (view, known), "nothing": (0 * view, known), "more": (2 * view, known), "wiser": (view, 3 * known),
+        "narrow": (one.T @ one, known), "mixed": (mix.T @ view @ mix, mix.T @ known @ mix),
     }  # fmt: skip
-    worth = {}
-    for name, case in asked.items():
-        try:
-            worth[name] = mine(*case)
-            worth[name] = None if worth[name] is None or worth[name] is ... else float(worth[name])
-        except Exception as error:
-            print(f"it stops with {type(error).__name__}: {error}".splitlines()[0])
-            return False
-    if worth["view"] is None:
-        verdict = "to do"
-    elif abs(worth["nothing"]) > 1e-9:
-        verdict = "a view that shows nothing must be worth 0"
-    elif not worth["more"] > worth["view"] > 0:
-        verdict = "a view that tells twice as much must be worth more, and more than 0"
-    elif not worth["wiser"] < worth["view"]:
-        verdict = "who knows more already must gain less"
-    elif abs(worth["mixed"] / worth["view"] - 1) > 1e-6:
-        verdict = "it changes with the names of the parameters (metres for centimetres, x and y for axes turned by 45°)"
-    else:
-        verdict = "behaves like a worth"
-    print(verdict)
-    return verdict == "behaves like a worth"
+    try:
+        worth = {name: float(ask(mine, *case)) for name, case in asked.items()}
+    except Fault as fault:
+        return say(str(fault))
+    except (TypeError, ValueError, RuntimeError):
+        return say("one number is wanted")
+    if not abs(worth["nothing"]) < 1e-9:
+        return say("a view that shows nothing must be worth 0")
+    if not worth["more"] > worth["view"] > 0:
+        return say("a view that tells twice as much must be worth more, and more than 0")
+    if not worth["wiser"] < worth["view"]:
+        return say("who knows more already must gain less")
+    if not worth["narrow"] > 1e-9:
+        return say("a view that tells of one direction only, F of rank 1, must be worth more than nothing")
+    if not abs(worth["mixed"] / worth["view"] - 1) < 1e-6:
+        return say("it changes with the names of the parameters (metres for centimetres, axes turned by 45°)")
+    traces = {name: float(torch.trace(torch.linalg.solve(H, F))) for name, (F, H) in asked.items()}
+    ratios = [worth[name] / traces[name] for name in ("view", "narrow", "wiser")]
+    if max(ratios) < (1 + 1e-6) * min(ratios):
+        return say("behaves like a worth, but it is Eq. (5) itself: now find another")
+    return say("behaves like a worth", True)

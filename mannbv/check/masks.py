@@ -8,10 +8,12 @@ import numpy as np
 import torch
 
 from mannbv import geometry, grid, mask
-from mannbv.check.verdict import compare
+from mannbv.check.verdict import Fault, ask, compare, say, side
 from mannbv.splats import SplatMap
 
 _RADII = [(0.9, 0.5, 1.0, 2.0), (2.5, 0.5, 1.0, 2.0), (0.45, 0.2, 0.8, 3.0)]
+_SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1))
+_CORNERS = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 _WIDE = (40, 30)  # cells of 0.1 m
 
 
@@ -59,6 +61,9 @@ def risk_of(mine: Callable) -> bool:
                 "where is β₂? Look at the units: α is in m",
             ),
             (lambda radius, r_min, beta1, beta2: truth(radius, r_min, beta2, beta1), "β₁ is the length, β₂ the rate"),
+            (lambda *case: truth(*case) * case[3] ** 2, "α is a length [m], and β₂ one over a length: times, or over?"),
+            (lambda *case: truth(*case) / math.log(10), "the natural logarithm, not that to base 10"),
+            (lambda *case: max(truth(*case), 0.0), "α may be negative: then the worst cases reach beyond contact"),
         ],
     )
 
@@ -73,18 +78,31 @@ def body(mine: Callable) -> bool:
 
         return select
 
+    right = zone(lambda m: 2 * m.scales.amax(1))
+
+    def every(splat_map, path, radii):
+        return torch.stack([right(splat_map, p[None], r[None]) for p, r in zip(path, radii, strict=True)]).all(0)
+
+    def gap(case, answer, wanted):
+        k = int(np.argmax(np.abs(answer - wanted)))
+        return f"splat {k} {'is missing' if wanted[k] else 'is in, though it reaches into no ball,'}"
+
     return compare(
         mine,
-        zone(lambda m: 2 * m.scales.amax(1)),
+        right,
         [(_splats(80), _PATH, _BALLS), (_splats(80), _PATH[1:3], 0.5 * _BALLS[1:3])],
         [
             (mask.zone, "that is Eq. (11) itself: a mean outside the ball is out, however far its splat reaches"),
             (zone(lambda m: m.scales.amax(1)), "two standard deviations are wanted, not one"),
             (zone(lambda m: 2 * m.scales.amin(1)), "that is the splat's narrow side"),
+            (zone(lambda m: 2 * m.scales.mean(1)), "that is the mean of a splat's standard deviations"),
+            (lambda m, path, radii: right(m, path[:1], radii[:1]), "every ball counts, not the first alone"),
+            (every, "one ball is enough: a splat need not reach into all of them"),
             (zone(lambda m: -2 * m.scales.amax(1)), "a longer splat must not be harder to reach: a sign"),
             (zone(lambda m: 2 * m.log_scales.amax(1)), "log_scales are logarithms; scales are metres"),
             (zone(lambda m: 2 * m.scales.amax(1) ** 2), "a length [m] is wanted, not a variance [m²]"),
         ],
+        gap=gap,
     )
 
 
@@ -113,17 +131,20 @@ def ahead(mine: Callable) -> bool:
 def walk(mine: Callable) -> bool:
     """my_distance(free, source, cell): metres from one cell over the sides of free cells; inf where there is no way."""
 
-    def steps(free, source, cell):
+    def steps(free, source, cell, moves=_SIDES):
         distance, queue = np.full(free.shape, np.inf), deque([tuple(source)])
         distance[tuple(source)] = 0.0
         while queue:
             x, y = queue.popleft()
-            for u, v in ((x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)):
+            for u, v in ((x + dx, y + dy) for dx, dy in moves):
                 inside = 0 <= u < free.shape[0] and 0 <= v < free.shape[1]
                 if inside and free[u, v] and np.isinf(distance[u, v]):
                     distance[u, v] = distance[x, y] + cell
                     queue.append((u, v))
         return distance
+
+    def chess(free, source, cell):
+        return steps(free, source, cell, moves=_SIDES + _CORNERS)
 
     def diagonal(free, source, cell):
         return cell * grid.geodesic(np.where(free, 1.0, np.inf), np.array([source]))
@@ -135,6 +156,25 @@ def walk(mine: Callable) -> bool:
     def open_plan(free, source, cell):
         return steps(np.ones_like(free), source, cell)
 
+    def round_the_edge(free, source, cell):
+        around, (nx, ny) = np.tile(free, (3, 3)), free.shape
+        far = steps(around, (source[0] + nx, source[1] + ny), cell)
+        return far.reshape(3, nx, 3, ny).min(axis=(0, 2))
+
+    def started_late(free, source, cell):
+        return steps(free, source, cell) + cell
+
+    def gap(case, answer, wanted):
+        source, off = tuple(case[1]), ~np.isclose(answer, wanted)
+        at = tuple(int(k) for k in min(np.argwhere(off), key=lambda place: np.abs(place - source).sum()))
+        if np.isinf(wanted[at]):
+            return f"too near: no way leads from {source} to the cell {at}"
+        if np.isinf(answer[at]):
+            return f"not infinitely far: a way leads from {source} to the cell {at}"
+        if np.isclose(answer[at], case[2] * math.sqrt(2)):
+            return f"only the four sides count, but a diagonal step led to the cell {at}"
+        return f"{side(float(answer[at]), float(wanted[at]))} at the cell {at}, seen from {source},"
+
     closed = np.array([[1, 1, 0, 1], [1, 1, 0, 1], [1, 0, 0, 1], [1, 1, 1, 0]], bool)
     turned = np.array([[1, 1, 1, 1, 1], [1, 0, 0, 0, 1], [1, 1, 1, 0, 1], [0, 1, 1, 0, 1]], bool)
     return compare(
@@ -143,6 +183,7 @@ def walk(mine: Callable) -> bool:
         [(closed, (0, 0), 0.1), (turned, (2, 1), 0.05)],
         [
             (lambda free, source, cell: steps(free, source, 1.0), "that counts cells; metres are wanted"),
+            (chess, "a diagonal step: only the four sides count"),
             (diagonal, "that also steps over corners; here only the four sides count"),
             (straight, "that is the straight distance; a wall lies between"),
             (open_plan, "it walks through walls"),
@@ -151,20 +192,26 @@ def walk(mine: Callable) -> bool:
                 lambda *case: np.nan_to_num(steps(*case), posinf=0.0),
                 "what cannot be reached is infinitely far, not here",
             ),
+            (started_late, "the source is no step away from itself"),
+            (
+                lambda free, source, cell: steps(free, source, cell**2),
+                "`cell` is in it twice: metres are wanted, not m²",
+            ),
+            (round_the_edge, "it leaves over one edge and comes back over the opposite one"),
         ],
+        gap=gap,
     )
 
 
 def bounded(mine: Callable) -> bool:
-    """my_radius(risk): any radius [m] that falls with α from at most 2 m to at least 0.5 m; says what it breaks."""
+    """my_radius(alpha): any radius [m] that falls with α from at most 2 m to at least 0.5 m; says what it breaks."""
     alphas = np.linspace(-3.0, 6.0, 91)
     try:
-        answers = [mine(float(alpha)) for alpha in alphas]
-    except Exception as error:
-        return _say(f"it stops with {type(error).__name__}: {error}".splitlines()[0])
-    if any(answer is None or answer is ... for answer in answers):
-        return _say("to do")
-    radii = np.array([float(answer) for answer in answers])
+        radii = np.array([float(ask(mine, float(alpha))) for alpha in alphas])
+    except Fault as fault:
+        return say(str(fault))
+    except (TypeError, ValueError, RuntimeError):
+        return say("one number is wanted: a radius [m]")
     for kept, hint in [
         (np.isfinite(radii).all(), "not finite somewhere between α = −3 m and 6 m"),
         ((np.diff(radii) <= 1e-12).all(), "a safer waypoint, of larger α, must not get a larger mask"),
@@ -173,11 +220,5 @@ def bounded(mine: Callable) -> bool:
         (radii[0] - radii[-1] > 0.1, "it hardly depends on α"),
     ]:
         if not kept:
-            return _say(hint)
-    print("a mask radius: it falls with α and keeps within its bounds")
-    return True
-
-
-def _say(text: str) -> bool:
-    print(text)
-    return False
+            return say(hint)
+    return say("a mask radius: it never grows with α and keeps within its bounds, so Proposition 2 holds for it", True)

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from mannbv import geometry, grid, planner, risk
-from mannbv.check.verdict import compare
+from mannbv.check.verdict import Fault, ask, compare, say
 from mannbv.config import Config
 from mannbv.splats import SplatMap
 
@@ -122,26 +122,23 @@ def own_price(mine: Callable) -> bool:
     level = np.linspace(-0.3, 3.0, 34)
     try:
         with np.errstate(all="ignore"):
-            answer = mine(level)
-    except Exception as error:
-        return _say(f"it stops with {type(error).__name__}: {error}".splitlines()[0])
-    if answer is None or answer is ...:
-        return _say("to do")
+            answer = ask(mine, level)
+    except Fault as fault:
+        return say(str(fault))
     answer = np.asarray(answer, float)
     if answer.shape != level.shape:
-        return _say(f"shape {answer.shape} where {level.shape} is wanted: one price for each α")
+        return say(f"shape {answer.shape} where {level.shape} is wanted: one price for each α")
     if not (np.isfinite(answer).all() and (answer > 0).all()):
-        return _say("a price must be finite and above 0: else A* wanders for free, or finds no way at all")
+        return say("a price must be finite and above 0: else A* wanders for free, or finds no way at all")
     if (np.diff(answer) > 1e-9).any():
-        return _say("the sign: somewhere a safer metre is dearer than a more dangerous one")
+        return say("the sign: somewhere a safer metre is dearer than a more dangerous one")
     if answer[0] <= answer[-1] * (1 + 1e-9):
-        return _say("the same price everywhere: A* then looks for the shortest way, whatever the risk")
+        return say("the same price everywhere: A* then looks for the shortest way, whatever the risk")
     shortest, bought = _hall(lambda alpha: np.ones_like(alpha)), _hall(mine)
     longer, safer = bought[0] - shortest[0], bought[1] - shortest[1]
     if safer < 0.02:
-        return _say("a fair price, but nobody changes the way for it: let danger cost more")
-    print(f"a price: {longer:.1f} m of detour for {safer:.2f} m of AV@R")
-    return True
+        return say("a fair price, but nobody changes the way for it: let danger cost more")
+    return say(f"a price: {longer:.1f} m of detour for {safer:.2f} m of AV@R", True)
 
 
 def _hall(rule: Callable) -> tuple[float, float]:
@@ -160,8 +157,3 @@ def _hall(rule: Callable) -> tuple[float, float]:
     prices[alpha.reshape(lattice.shape) < 0.05] = np.inf
     way = planner.safe_path(prices, lattice, np.array([0.55, 1.2]), np.array([5.45, 1.2]))
     return float(planner.lengths(way)[-1]), risk.total(wall, torch.from_numpy(way), config.level)
-
-
-def _say(text: str) -> bool:
-    print(text)
-    return False

@@ -7,7 +7,7 @@ import numpy as np
 
 from mannbv import geometry, grid, metrics, network, study, team, world
 from mannbv.camera import Camera
-from mannbv.check.verdict import compare
+from mannbv.check.verdict import Fault, ask, compare, say
 from mannbv.config import Config
 
 
@@ -133,12 +133,9 @@ def policy(mine: Callable) -> bool:
     for number in range(config.max_cycles):
         robot = team.plan(team.observe(robot, mission, number), mission, number)
         try:
-            gains = mine(robot, mission)
-        except Exception as error:
-            return _say(f"it stops with {type(error).__name__}: {error}".splitlines()[0])
-        fault = _fault(gains, config)
-        if fault:
-            return _say(fault)
+            gains = _judged(ask(mine, robot, mission), config)
+        except Fault as fault:
+            return say(str(fault))
         yaw = geometry.wrap(-math.pi + 2 * math.pi * int(np.argmax(gains)) / config.n_yaws)
         robot = team.move(robot, yaw, mission, number)
         if robot.status == "reached":
@@ -146,23 +143,17 @@ def policy(mine: Callable) -> bool:
     reachable = flat.reachable_free(config.cell, config.robot_radius, flat.starts[0])
     seen = metrics.coverage(robot.ground, reachable, flat.lattice(config.cell))
     end = f"at its goal after {number + 1} cycles" if robot.status == "reached" else "not at its goal"
-    print(f"a policy: {end}, {seen:.0%} of the floor seen")
-    return True
+    return say(f"a policy: {end}, {seen:.0%} of the floor seen", True)
 
 
-def _fault(gains, config: Config) -> str:
-    if gains is None or gains is ...:
-        return "to do"
+def _judged(gains, config: Config) -> np.ndarray:
+    """The gains of a policy, (1, n_yaws). Raises Fault where they are none."""
     gains = np.asarray(gains, float)
     if gains.shape != (1, config.n_yaws):
-        return f"shape {gains.shape} where {(1, config.n_yaws)} is wanted: a row for one robot, a value for each yaw"
+        wanted = (1, config.n_yaws)
+        raise Fault(f"shape {gains.shape} where {wanted} is wanted: a row for one robot, a value for each yaw")
     if not np.isfinite(gains).all():
-        return "a gain must be finite"
+        raise Fault("a gain must be finite")
     if np.ptp(gains) == 0:
-        return "all yaws are worth the same to it, so it looks wherever the first yaw points"
-    return ""
-
-
-def _say(text: str) -> bool:
-    print(text)
-    return False
+        raise Fault("all yaws are worth the same to it, so it looks wherever the first yaw points")
+    return gains

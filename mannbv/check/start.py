@@ -67,6 +67,10 @@ def radius(mine: Callable) -> bool:
         (lambda alpha: least + one * math.exp(-alpha / two), "β₂ is one over a length already"),
         (lambda alpha: (least + one) * math.exp(-two * alpha), "not all of the radius shrinks as the risk falls"),
         (lambda alpha: least + one * (1 - math.exp(-two * alpha)), "a safer waypoint gets the smaller ball"),
+        (
+            lambda alpha: least + (np.mean(np.asarray(mine(0.0), float)) - least) * math.exp(-two * alpha),
+            "right, but for another β₁: the one of `config` is wanted",
+        ),
     ]
     return compare(mine, mask.radius, [(-0.1,), (0.0,), (0.2,), (0.7,), (3.0,)], mistakes, rtol=1e-5)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from mannbv import grid, information, mapping, messages, network, team, world
 from mannbv.camera import Camera
-from mannbv.check.verdict import compare
+from mannbv.check.verdict import Fault, ask, compare, say
 from mannbv.config import Config
 
 RADIO = 5.0  # [m] how far a weak radio reaches
@@ -62,16 +62,13 @@ def share(mine: Callable) -> bool:
         _mission(network.build("complete", len(_PLACES))),
     )
     try:
-        after = mine(robots, mission, post, 0)
-    except Exception as error:
-        return _say(f"it stops with {type(error).__name__}: {error}".splitlines()[0])
-    if after is None or after is ...:
-        return _say("to do")
+        after = ask(mine, robots, mission, post, 0)
+    except Fault as fault:
+        return say(str(fault))
     if not isinstance(after, list) or [getattr(robot, "index", None) for robot in after] != list(range(len(robots))):
-        return _say(f"a list of all {len(robots)} robots is wanted back, in their order")
+        return say(f"a list of all {len(robots)} robots is wanted back, in their order")
     fault = _sent_wrong(post.ledger) or _heard_wrong(after)
-    print(fault or "a weak radio: plans go as far as they are heard, and no farther")
-    return not fault
+    return say(fault or "a weak radio: plans go as far as they are heard, and no farther", not fault)
 
 
 def _sent_wrong(ledger: messages.Ledger) -> str:
@@ -148,8 +145,3 @@ def _crew(places: np.ndarray, planning: int = 0) -> list[team.Robot]:
             robot = robot.replace(plans={k: messages.Plan(k, 0, _VIEWS[k], 0.1 * k, path)})
         crew.append(robot)
     return crew
-
-
-def _say(text: str) -> bool:
-    print(text)
-    return False
