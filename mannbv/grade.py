@@ -20,10 +20,9 @@ import re
 import secrets
 import shutil
 import signal
-import sys
 import tempfile
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -55,7 +54,7 @@ class Exercise:
 
 @dataclass(frozen=True)
 class Lesson:
-    """A solved notebook: name (file stem), title (first line), the cell ids that no other has, and its exercises."""
+    """A notebook of the course: name (file stem), title (first line), the cell ids that no other has, its exercises."""
 
     name: str
     title: str
@@ -64,7 +63,7 @@ class Lesson:
 
 
 def lessons(folder: Path) -> list[Lesson]:
-    """The notebooks of a folder that have exercises. Raises ValueError when there is none, or one cannot be read."""
+    """The notebooks of a folder. Raises ValueError when none of them has exercises, or one cannot be read."""
     read = {path.stem: _cells(path.read_bytes(), path) for path in sorted(folder.glob("*.ipynb"))}
     found = []
     for name, cells in read.items():
@@ -74,21 +73,21 @@ def lessons(folder: Path) -> list[Lesson]:
             exercises = tuple(_exercises(cells))
         except (SyntaxError, ValueError) as error:
             raise ValueError(f"{folder / name}.ipynb: {error}") from None
-        if exercises:
-            found.append(Lesson(name, _headings(cells)[0], ids, exercises))
-    if not found:
+        found.append(Lesson(name, _headings(cells)[0], ids, exercises))
+    if not any(lesson.exercises for lesson in found):
         raise ValueError(f"{folder}: no solved notebook here; name the folder that holds them with --notebooks DIR")
     return found
 
 
 def grade(
-    folder: Path, out: Path, course: Path = COURSE, limit: float = 120.0, stream=None
+    folder: Path, out: Path, course: Path = COURSE, limit: float = 120.0, tell: Callable[[str], object] | None = None
 ) -> tuple[list[list[dict]], int]:
     """Grade every notebook below `folder` into the table `out`, and return the rows of each copy.
 
-    limit: what a copy may take in all [s]. stream: where progress is told (standard error). The second number counts
-    the copies left alone, graded before with the same content. `out` is replaced whole after every copy, so that an
-    interruption loses no more than the copy under way. Raises ValueError for a limit, folder or table that cannot be.
+    limit: what a copy may take in all [s]. tell: is told a line on each copy, as soon as it is graded. The second
+    number counts the copies left alone, graded before with the same content. `out` is replaced whole after every copy,
+    so that an interruption loses no more than the copy under way. Raises ValueError for a limit, folder or table that
+    cannot be.
     """
     if not 0 < limit < float("inf"):
         raise ValueError(f"grade: --limit must be a positive number of seconds, got {limit:g}")
@@ -99,7 +98,8 @@ def grade(
         raise ValueError(f"{folder}: no notebook (*.ipynb) in it or below")
     known, table, kept = lessons(course), read_table(out), 0
     write_table(out, table)  # now, rather than after an hour, if it cannot be written
-    with tqdm(paths, file=stream or sys.stderr, unit="copy", dynamic_ncols=True, disable=None) as bar:
+    width = max(len(_plain(path.as_posix())) for path in paths)
+    with tqdm(paths, unit="copy", dynamic_ncols=True, disable=None) as bar:  # on a terminal's standard error
         for path in bar:
             name = _plain(path.as_posix())
             rows = grade_copy(path, known, course, limit, table.get(name, []))
@@ -107,8 +107,9 @@ def grade(
             if rows is not table.get(name):
                 table[name] = rows
                 write_table(out, table)
-                if bar.disable:  # no terminal: a line a copy
-                    print(f"{name}: {score(rows)}", file=stream or sys.stderr, flush=True)
+            if tell:
+                with bar.external_write_mode():
+                    tell(f"{name:{width}}  {score(rows)}")
     return [table[_plain(path.as_posix())] for path in paths], kept
 
 
@@ -129,6 +130,8 @@ def grade_copy(path: Path, known: Sequence[Lesson], course: Path, limit: float, 
     lesson = recognise(cells, path, known)
     if lesson is None:
         return [row(says="no notebook of this course: neither its cells, its title nor its name is known")]
+    if not lesson.exercises:
+        return [row(lesson.name, says=f"{lesson.title.lstrip('# ')}: a page without exercises, nothing to grade")]
     digest = hashlib.sha256(raw + repr(lesson.exercises).encode()).hexdigest()
     longer = [old for old in before if old["says"].startswith(LATE) and not old["says"].endswith(_may_take(limit))]
     if before and not longer and all(old["sha256"] == digest for old in before):
@@ -155,7 +158,8 @@ def recognise(cells: list[dict], path: Path, known: Iterable[Lesson]) -> Lesson 
 def run(cells: list[dict], lesson: Lesson, course: Path, limit: float) -> tuple[list[tuple[bool, str]], str, float]:
     """Run a copy's code cells, then the lesson's checks: (passed, what it says) of each, what raised, seconds."""
     token = secrets.token_hex(8)
-    codes = [cell["source"] for cell in cells if cell["cell_type"] == "code"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    codes, places = [cell["source"] for cell in code], [_place(n, cell["id"]) for n, cell in enumerate(code, 1)]
     checks = [
         exercise.check + f"\n__import__('builtins').print('\\n{token}', done is True)" for exercise in lesson.exercises
     ]
@@ -166,7 +170,7 @@ def run(cells: list[dict], lesson: Lesson, course: Path, limit: float) -> tuple[
             try:
                 execute(cell, number - 1)
             except Exception as error:  # whatever one copy does, the others are graded
-                place = f"code cell {number}" if number <= len(codes) else "a check"
+                place = places[number - 1] if number <= len(codes) else "a check"
                 end = f"stopped with {type(error).__name__} in {place}"
                 if isinstance(error, CellTimeoutError):
                     end = f"{LATE} in {place}: {_may_take(limit)}"
@@ -174,12 +178,13 @@ def run(cells: list[dict], lesson: Lesson, course: Path, limit: float) -> tuple[
                     end = f"its kernel died in {place}"
                 break
             cell.metadata["ran"] = True
+    faults = [(k, error) for k, cell in enumerate(sheet.cells[: len(codes)]) if (error := _error(cell))]
+    stopped = [(codes[k], f"its {places[k]} stopped with {error.partition(':')[0]}") for k, error in faults]
     verdicts = [
-        _verdict(cell, exercise, token) if "ran" in cell.metadata else (False, end)
+        _verdict(cell, exercise, token, stopped) if "ran" in cell.metadata else (False, end)
         for cell, exercise in zip(sheet.cells[len(codes) + 1 :], lesson.exercises, strict=True)
     ]
-    faults = [(n, error) for n, cell in enumerate(sheet.cells[: len(codes)], 1) if (error := _error(cell))]
-    raised = f"code cell {faults[0][0]}: {faults[0][1]}" if faults else ""
+    raised = f"{places[faults[0][0]]}: {faults[0][1]}" if faults else ""
     raised += f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
     return verdicts, raised, time.monotonic() - began
 
@@ -226,13 +231,20 @@ def _kernel(sheet, course: Path, deadline: float):
                     os.killpg(group, signal.SIGKILL)
 
 
-def _verdict(cell, exercise: Exercise, token: str) -> tuple[bool, str]:
+def _place(number: int, name: str) -> str:
+    return f"code cell {number}" + f" ({name})" * bool(name)
+
+
+def _verdict(cell, exercise: Exercise, token: str, stopped: list[tuple[str, str]]) -> tuple[bool, str]:
+    """Passed, and what the check says; `stopped`: source of each of the copy's cells that failed, and with what."""
     printed = "".join(o.text for o in cell.outputs if o.output_type == "stream" and o.name == "stdout")
     said, _, verdict = printed.rpartition(token)
     lines = [line for line in said.splitlines() if line.strip()]
     error = _error(cell)
-    if any(error == f"NameError: name '{name}' is not defined" for name in exercise.names):
-        return False, "missing"
+    for name in exercise.names:
+        if error == f"NameError: name '{name}' is not defined":
+            why = (why for source, why in stopped if re.search(rf"\b{name}\b", source))
+            return False, f"missing: {next(why, f'no cell defines {name}')}"
     return verdict.strip() == "True", error or (lines[-1] if lines else "the check said nothing")
 
 
@@ -242,7 +254,8 @@ def _may_take(limit: float) -> str:
 
 def _error(cell) -> str:
     """The error that a cell ended in, on one line; "" for none."""
-    return next((f"{o.ename}: {o.evalue}" for o in cell.get("outputs", ()) if o.output_type == "error"), "")
+    told = next((f"{o.ename}: {o.evalue}" for o in cell.get("outputs", ()) if o.output_type == "error"), "")
+    return re.sub(r"\(\d+\.py, (line \d+)\)", r"(\1)", told)  # the kernel's name for a cell says nothing
 
 
 def _cells(raw: bytes, path: Path) -> list[dict]:
@@ -321,8 +334,9 @@ def write_table(path: Path, table: dict[str, list[dict]]) -> None:
 
 
 def score(rows: list[dict]) -> str:
-    """Passed/total of a copy, or why it has none."""
+    """Passed/total of a copy, and the first error of its cells; or why it has none."""
     if not rows[0]["exercise"]:
         return rows[0]["says"]
     # spreadsheets write TRUE
-    return f"{sum(row['passed'].lower() == 'true' for row in rows)}/{len(rows)}"
+    marks = f"{sum(row['passed'].lower() == 'true' for row in rows)}/{len(rows)}"
+    return f"{marks}  {rows[0]['raised']}".rstrip()

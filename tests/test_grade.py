@@ -40,6 +40,11 @@ def square() -> list[dict]:
     ]
 
 
+def page() -> list[dict]:
+    """Without exercises."""
+    return [cell("title", "# A page", "markdown"), *(cell(f"page-{k}", "1 + 1") for k in range(5))]
+
+
 def save(path: Path, cells: list[dict]) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps({"cells": cells, "metadata": {}, "nbformat": 4, "nbformat_minor": 5}))
@@ -79,7 +84,7 @@ COPIES = {
     "frank/copy (3).ipynb": anonymous(twice()),
     "gina/02_square_final.ipynb": anonymous(square())[1:],
     "heidi/notes.ipynb": [cell("a", "print(1)"), cell("title", "# Shopping", "markdown")],
-    "hugo/03_page.ipynb": [cell(f"page-{k}", "1 + 1") for k in range(5)],
+    "hugo/03_page.ipynb": page(),
     "ivan/01_twice.ipynb": edited(twice(), my_twice="def my_twice(x:\n    return", my_thrice="def my_thrice(x): ..."),
     "judy/01_twice.ipynb": edited(twice(), my_twice=NOISY, my_thrice="def my_thrice(x):\n    open('x', 'w').close()"),
     "kim/01_twice.ipynb": edited(
@@ -95,7 +100,7 @@ def course(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("course")
     save(folder / "01_twice.ipynb", twice())
     save(folder / "02_square.ipynb", square())
-    save(folder / "03_page.ipynb", [cell(f"page-{k}", "1 + 1") for k in range(5)])  # has no exercise
+    save(folder / "03_page.ipynb", page())
     (folder / "records").mkdir()
     (folder / "records" / "factor.json").write_text("2")
     return folder
@@ -148,7 +153,7 @@ def test_deleted_and_moved_cells_are_missing_or_found(graded):
     # turned around: my_twice stands before what it needs, which is there when it is called
     assert marks(graded, "carol/mine.ipynb") == [
         ("my_twice", "True", "agrees with the library"),
-        ("my_thrice", "False", "missing"),
+        ("my_thrice", "False", "missing: no cell defines my_thrice"),
     ]
 
 
@@ -157,12 +162,12 @@ def test_widgets_and_a_shadowed_print_disturb_nothing(graded):
 
 
 def test_a_copy_that_hangs_says_so_and_the_others_go_on(graded):
-    late = f"out of time in code cell 4: a copy may take {LIMIT:g} s"
+    late = f"out of time in code cell 4 (my-thrice): a copy may take {LIMIT:g} s"
     assert marks(graded, "dave/01_twice.ipynb") == [("my_twice", "False", late), ("my_thrice", "False", late)]
 
 
 def test_a_copy_that_kills_its_kernel_says_so_and_the_others_go_on(graded):
-    died = "its kernel died in code cell 4"
+    died = "its kernel died in code cell 4 (my-thrice)"
     assert marks(graded, "erin/01_twice.ipynb") == [("my_twice", "False", died), ("my_thrice", "False", died)]
 
 
@@ -174,21 +179,40 @@ def test_without_cell_ids_the_title_tells_and_without_that_the_name(graded, name
 
 def test_what_is_no_notebook_of_the_course_gets_a_line(graded):
     assert [says[:31] for _, _, says in marks(graded, "heidi/notes.ipynb")] == ["no notebook of this course: nei"]
-    assert [says[:31] for _, _, says in marks(graded, "hugo/03_page.ipynb")] == ["no notebook of this course: nei"]
     assert [says[:23] for _, _, says in marks(graded, "torn.ipynb")] == ["no notebook of format 4"]
     assert rows(graded, "mallory/.ipynb_checkpoints/01_twice.ipynb") == []
 
 
+def test_a_page_of_the_course_without_exercises_has_nothing_to_grade(graded):
+    (row,) = rows(graded, "hugo/03_page.ipynb")
+    assert row["notebook"] == "03_page" and row["exercise"] == row["passed"] == ""
+    assert row["says"] == "A page: a page without exercises, nothing to grade"
+
+
 def test_errors_are_recorded_and_empty_answers_are_to_do(graded):
-    assert marks(graded, "ivan/01_twice.ipynb") == [("my_twice", "False", "missing"), ("my_thrice", "False", "to do")]
+    missing = "missing: its code cell 2 (my-twice) stopped with SyntaxError"
+    assert marks(graded, "ivan/01_twice.ipynb") == [("my_twice", "False", missing), ("my_thrice", "False", "to do")]
     raised = rows(graded, "ivan/01_twice.ipynb")[0]["raised"]
-    assert raised.startswith("code cell 2: SyntaxError") and raised.endswith("(and 1 more)")
+    assert raised.startswith("code cell 2 (my-twice): SyntaxError") and raised.endswith("(line 1) (and 1 more)")
+    assert grade.score(rows(graded, "ivan/01_twice.ipynb")) == f"0/2  {raised}"
 
 
 def test_a_chatty_answer_is_judged_and_writes_into_a_throw_away_folder(graded, course):
     before = sorted(path.name for path in course.rglob("*"))
     assert [passed for _, passed, _ in marks(graded, "judy/01_twice.ipynb")] == ["True", "False"]
     assert before == ["01_twice.ipynb", "02_square.ipynb", "03_page.ipynb", "factor.json", "records"]
+
+
+def test_each_copy_is_told_of_once_when_it_is_done(course, tmp_path, capsys):
+    folder = hand_in(tmp_path / "in", ["gina/02_square_final.ipynb", "heidi/notes.ipynb"])
+    command = ["grade", str(folder), "--out", str(tmp_path / "grades.csv"), "--notebooks", str(course)]
+    assert main(command) == 0
+    said = capsys.readouterr()
+    assert said.err == "" and said.out.count("\n") == 3
+    lines = [line.removeprefix(folder.as_posix() + "/") for line in said.out.splitlines()]
+    assert lines[0] == "gina/02_square_final.ipynb  1/1"
+    assert lines[1].startswith("heidi/notes.ipynb           no notebook of this course")
+    assert lines[2].startswith("2 files: ")
 
 
 def again(graded, course, capsys, limit=LIMIT) -> tuple[str, str]:
@@ -207,7 +231,9 @@ def test_a_second_run_runs_nothing_says_so_and_ends_in_the_same_table(graded, co
     assert "14 files, 11 of them graded before with the same content" in said
     lines = [line.removeprefix(graded[0].as_posix() + "/") for line in said.splitlines()]
     assert lines[0].split() == ["alice/01_twice.ipynb", "2/2"]
-    assert [line.split()[-1] for line in lines if line.startswith(("bob", "dave", "erin"))] == ["1/2", "0/2", "0/2"]
+    assert [line.split()[1] for line in lines if line.startswith(("bob", "dave", "erin"))] == ["1/2", "0/2", "0/2"]
+    (bob,) = (line for line in lines if line.startswith("bob"))
+    assert bob.endswith("1/2  code cell 5 (check-thrice): NameError: name 'check' is not defined")
 
 
 def test_a_changed_copy_is_graded_again_and_a_late_one_with_another_limit(graded, course, capsys, monkeypatch):
@@ -294,7 +320,7 @@ def test_a_lesson_whose_check_gives_no_verdict_is_refused(tmp_path, check, capsy
 
 
 def test_every_lesson_of_the_course_has_its_exercises():
-    known = grade.lessons(grade.COURSE)
+    known = [lesson for lesson in grade.lessons(grade.COURSE) if lesson.exercises]
     assert [lesson.name for lesson in known] == sorted(path.stem for path in grade.COURSE.glob("[0-9]*.ipynb"))
     assert all(3 <= len(lesson.exercises) <= 5 and len(lesson.ids) > 10 for lesson in known)
 
