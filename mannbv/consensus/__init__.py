@@ -1,8 +1,9 @@
-"""Agreement on any objectives F_i of the team's yaws, Eqs. (25)-(29); it knows no splats."""
+"""Agreement on any objectives F_i of the team's yaws, or twists of its poses, Eqs. (25)-(29); it knows no splats."""
 
 from mannbv.consensus.agreement import PRIMALS, Agreement, start, step
 from mannbv.consensus.objectives import best_yaws, grid, interpolate, quantise, restore, scale_of, tabulate, value
 from mannbv.consensus.solvers import SOLVERS, Round, Settings, register, solve
+from mannbv.consensus.twists import TwistRound, solve_twists
 
 __all__ = [
     "PRIMALS",
@@ -10,6 +11,7 @@ __all__ = [
     "Agreement",
     "Round",
     "Settings",
+    "TwistRound",
     "best_yaws",
     "grid",
     "interpolate",
@@ -18,6 +20,7 @@ __all__ = [
     "restore",
     "scale_of",
     "solve",
+    "solve_twists",
     "start",
     "step",
     "tabulate",

@@ -21,7 +21,8 @@ class Agreement:
     """What robot i remembers between two rounds; each row of `edge` and `dual` belongs to one neighbour.
 
     copies (N,): T^(i), to be sent next, as offsets from `origin` [rad]. agreed (N,): those sent last, from which
-    `edge`, `dual` and the residuals come; they are the answer when the rounds end here.
+    `edge`, `dual` and the residuals come; they are the answer when the rounds end here. (In `twists` the N numbers
+    are all robots' coordinates, N·k of them, and `yaws` means nothing.)
     """
 
     robot: int

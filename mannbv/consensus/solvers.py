@@ -52,6 +52,14 @@ class Settings:
         if not 0 <= self.loss < 1 or (self.loss and self.rng is None):
             raise ValueError(f"consensus: loss must lie in [0, 1) and needs an rng, got {self.loss} and {self.rng}")
 
+    @staticmethod
+    def of(settings: dict) -> "Settings":
+        """From keywords. Raises ValueError for one that is no setting."""
+        unknown = sorted(set(settings) - set(Settings.__dataclass_fields__))
+        if unknown:
+            raise ValueError(f"consensus: no setting is called {', '.join(unknown)}; see consensus.Settings")
+        return Settings(**settings)
+
 
 def solve(objectives, network, yaws, solver: str = "cadmm", **settings) -> list[Round]:
     """The team's yaws that maximise Σ_i F_i, Eq. (25), as a trace of rounds; the last one is the answer.
@@ -63,10 +71,7 @@ def solve(objectives, network, yaws, solver: str = "cadmm", **settings) -> list[
     """
     if solver not in SOLVERS:
         raise ValueError(f"consensus: no solver is called '{solver}'; choose one of {', '.join(SOLVERS)}")
-    unknown = sorted(set(settings) - set(Settings.__dataclass_fields__))
-    if unknown:
-        raise ValueError(f"consensus: no setting is called {', '.join(unknown)}; see consensus.Settings")
-    settings = Settings(**settings)
+    settings = Settings.of(settings)
     objectives = tables.checked(objectives)
     n = len(objectives)
     networks.check(network, n)
@@ -152,24 +157,28 @@ def _cadmm(objectives, network, yaws, settings, circle, primal) -> list[Round]:
         start(i, networks.neighbours(network, i), announced, objectives[i], copies=firsts[i], **options)
         for i in range(len(announced))
     ]
-    trace = [_stand(states, float(settings.penalty))]
-    while len(trace) <= settings.rounds:
-        if max(trace[-1].primal_residual, trace[-1].dual_residual) < settings.tolerance:
-            break
+    return exchange(states, settings, _stand)
+
+
+def exchange(states: list[Agreement], settings: Settings, stand) -> list:
+    """Rounds of messages until both residuals are small: a trace of stand(states, (primal, dual residual), penalty)."""
+    trace, penalty = [], float(settings.penalty)
+    while True:
+        residuals = tuple(max(getattr(s, name) for s in states) for name in ("primal_residual", "dual_residual"))
+        trace.append(stand(states, residuals, penalty))
+        if len(trace) > settings.rounds or max(residuals) < settings.tolerance:
+            return trace
         penalty, sent = states[0].penalty, [state.copies for state in states]
         states = [step(s, {j: sent[j] for j in s.neighbours if not _lost(settings)}) for s in states]
-        trace.append(_stand(states, penalty))
-    return trace
 
 
 def _lost(settings) -> bool:
     return settings.loss > 0 and settings.rng.random() < settings.loss
 
 
-def _stand(states, penalty: float) -> Round:
-    primal, dual = (max(getattr(s, name) for s in states) for name in ("primal_residual", "dual_residual"))
+def _stand(states, residuals, penalty: float) -> Round:
     yaws, copies = np.array([s.yaw for s in states]), np.stack([s.yaws for s in states])
-    return Round(yaws, copies, primal, dual, penalty, tuple(states))
+    return Round(yaws, copies, *residuals, penalty, tuple(states))
 
 
 SOLVERS = {

@@ -4,18 +4,26 @@ Parameters per splat, in the world frame: mean (d), log-scale (d), rotation in t
 opacity logit (1), colour (3): 9 in flatland, 13 in 3-D.
 """
 
-from mannbv.information.fisher import fisher, n_parameters, prior
-from mannbv.information.gain import damping, gain, gain_and_slope
+from mannbv.information.fisher import blocks, fisher, n_parameters, prior
+from mannbv.information.gain import damping, gain, gain_and_gradient, gain_and_slope, view_gain
 from mannbv.information.profile import YawProfile, uniform_yaws, yaw_profile
+from mannbv.information.views import FREEDOMS, View, best_view, directions
 
 __all__ = [
+    "FREEDOMS",
+    "View",
     "YawProfile",
+    "best_view",
+    "blocks",
     "damping",
+    "directions",
     "fisher",
     "gain",
+    "gain_and_gradient",
     "gain_and_slope",
     "n_parameters",
     "prior",
     "uniform_yaws",
+    "view_gain",
     "yaw_profile",
 ]

@@ -1,4 +1,4 @@
-"""Fisher information of a view, exactly diag(JᵀJ), and of all past views, Eqs. (3)-(5)."""
+"""Fisher information of a view, exactly: the diagonal or the splats' blocks of JᵀJ; and of past views, Eqs. (3)-(5)."""
 
 import torch
 from jaxtyping import Float
@@ -60,6 +60,16 @@ def _response(splat_map: SplatMap, camera: Camera, pose: Pose, drawn: render.Com
     return features, chain
 
 
+def _prepared(splat_map: SplatMap, camera: Camera, pose: Pose, others, method: str, sigma_color, sigma_depth):
+    """What is rendered, and the kernel that does it (None: the dense twin). Raises ValueError for what cannot be."""
+    render.check(splat_map, camera, pose)
+    if not (sigma_color > 0 and sigma_depth > 0):
+        raise ValueError(f"fisher: sigma_color and sigma_depth must be positive, got {sigma_color}, {sigma_depth}")
+    joint = splat_map if others is None else splats.union(splat_map, others)
+    asked = *joint.tensors(), pose.rotation, pose.position
+    return joint, render.engine(method, joint, *(t for t in asked if torch.is_grad_enabled()))
+
+
 def fisher(
     splat_map: SplatMap,
     camera: Camera,
@@ -77,12 +87,7 @@ def fisher(
     A splat moves a pixel only through the few image quantities q = (position, covariance, logit, depth), so one
     small Gram matrix M = Σ_pixels g gᵀ a splat gives diag(JᵀJ) = diag(Aᵀ M A), A = ∂q/∂ω.
     """
-    render.check(splat_map, camera, pose)
-    if not (sigma_color > 0 and sigma_depth > 0):
-        raise ValueError(f"fisher: sigma_color and sigma_depth must be positive, got {sigma_color}, {sigma_depth}")
-    joint = splat_map if others is None else splats.union(splat_map, others)
-    asked = *joint.tensors(), pose.rotation, pose.position
-    kernel = render.engine(method, joint, *(t for t in asked if torch.is_grad_enabled()))
+    joint, kernel = _prepared(splat_map, camera, pose, others, method, sigma_color, sigma_depth)
     if kernel is not None:
         return kernel.fisher(joint, splat_map.n_splats, camera, pose, sigma_color, sigma_depth)
     pose = pose.to(joint.means)
@@ -107,9 +112,58 @@ def fisher(
     return torch.zeros(splat_map.n_splats, rows.shape[1]).to(rows).index_copy(0, drawn.index, rows)
 
 
-def prior(splat_map: SplatMap, camera: Camera, poses: list[Pose], **noise) -> Float[Tensor, "n p"]:
-    """Information of the past views `poses` about today's map: Σ fisher. `noise` as in `fisher`."""
-    total = torch.zeros(splat_map.n_splats, n_parameters(splat_map.dim)).to(splat_map.means)
+def blocks(
+    splat_map: SplatMap,
+    camera: Camera,
+    pose: Pose,
+    others: SplatMap | None = None,
+    method: str = "auto",
+    sigma_color: float = _DEFAULT.sigma_color,
+    sigma_depth: float = _DEFAULT.sigma_depth,
+) -> Float[Tensor, "n p p"]:
+    """Block Fisher information of one RGB-D view: each splat's own p × p block of JᵀJ, whose diagonal is `fisher`.
+
+    Arguments as in `fisher`. A block knows what one view cannot tell apart (a splat's depth from its size, its opacity
+    from its colour), and turning the world turns it along, so that a gain made of blocks stays as it was.
+    """
+    joint, kernel = _prepared(splat_map, camera, pose, others, method, sigma_color, sigma_depth)
+    render_gram = _dense_gram if kernel is None else kernel.gram
+    index, gram, chain, cross, seen = render_gram(joint, splat_map.n_splats, camera, pose, sigma_color, sigma_depth)
+    forward = pose.rotation[:, -1].to(chain) / sigma_depth  # ∂depth/∂mean, over its noise
+    v, d, g = len(index), joint.dim, chain.shape[-1]
+    shape = chain.transpose(1, 2) @ gram @ chain
+    with_value = cross @ chain  # (v, 4, g): with each colour, and with depth
+    ahead = torch.cat([forward, torch.zeros(g - d).to(forward)])  # … by the parameters of the shape
+    shape = shape + with_value[:, 3, :, None] * ahead + ahead[:, None] * with_value[:, 3, None, :]
+    shape = shape + seen[:, None, None] * ahead[:, None] * ahead
+    tint = with_value[:, :3] / sigma_color
+    plain = (seen / sigma_color**2)[:, None, None] * torch.eye(3).to(chain)
+    rows = torch.cat([torch.cat([shape, tint.transpose(1, 2)], 2), torch.cat([tint, plain], 2)], 1)
+    whole = torch.zeros(splat_map.n_splats, g + 3, g + 3).to(joint.means)
+    return whole.index_copy(0, index, rows.reshape(v, g + 3, g + 3).to(whole))
+
+
+def _dense_gram(joint: SplatMap, n_own: int, camera: Camera, pose: Pose, sigma_color, sigma_depth):
+    """Of the v splats seen that count: index (v,), Gram matrices of their features over pixels and channels (v, K, K),
+    chain (v, K, g), Σ lift · weight · features of each channel (v, 4, K), and Σ weight² (v,); lifts are over the noise.
+    """
+    drawn = render.compose(joint, camera, pose)
+    counts = torch.nonzero(drawn.index < n_own)[:, 0]
+    values = torch.cat([joint.colors[drawn.index] / sigma_color, drawn.local[:, -1:] / sigma_depth], 1)
+    lift = _lift(drawn, values)[:, counts]
+    drawn = drawn.narrow(counts)
+    features, chain = _response(joint, camera, pose.to(joint.means), drawn)
+    gram = torch.einsum("vp,vpk,vpl->vkl", (lift**2).sum(0), features, features)
+    cross = torch.einsum("cvp,vpk->vck", lift * drawn.weight, features)
+    return drawn.index, gram, chain, cross, (drawn.weight**2).sum(1)
+
+
+def prior(
+    splat_map: SplatMap, camera: Camera, poses: list[Pose], block: bool = False, **noise
+) -> Float[Tensor, "n p"] | Float[Tensor, "n p p"]:
+    """Information of the past views `poses` about today's map: Σ fisher, or Σ blocks. `noise` as in `fisher`."""
+    p = n_parameters(splat_map.dim)
+    total = torch.zeros(splat_map.n_splats, *([p] * (1 + block))).to(splat_map.means)
     for pose in poses:
-        total = total + fisher(splat_map, camera, pose, **noise)
+        total = total + (blocks if block else fisher)(splat_map, camera, pose, **noise)
     return total

@@ -3,6 +3,7 @@
 The dense reference is its twin; blends under 1/255 are dropped and a pixel ends at transmittance 1e-4.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from torch import Tensor
 from mannbv import geometry
 from mannbv.camera import EDGE, LOW_PASS, NEAR, Camera
 from mannbv.geometry import Pose
+from mannbv.kernels import gram as grams
 from mannbv.kernels import row
 from mannbv.splats import SplatMap
 
@@ -105,11 +107,30 @@ def fisher(
     return torch.from_numpy(total).to(joint.means)
 
 
+def gram(
+    joint: SplatMap, n_own: int, camera: Camera, pose: Pose, sigma_color, sigma_depth, cutoff=CUTOFF, floor=FLOOR
+) -> tuple[Tensor, ...]:
+    """What `information.blocks` is made of, as `tiles.gram` gives it; features are 1, δ and δ², times the blend."""
+    seen = project(joint, camera, pose)
+    colors = joint.colors.detach().double().numpy()[seen.index]
+    values = np.concatenate([colors / float(sigma_color), seen.depth[:, None] / float(sigma_depth)], 1)
+    own = seen.index < n_own
+    sums = grams.row_moments(*seen.shape(), values, camera.width, float(cutoff), float(floor))[own]
+    var, slopes = seen.var[own, None], seen.chain[own]
+    chain = np.zeros((len(sums), 3, 6))
+    chain[:, 0, 5] = 1 - seen.opacity[own]
+    chain[:, 1, :2] = slopes[:, :2] / var
+    chain[:, 2, :5] = 0.5 * slopes[:, 2:] / var**2
+    powers = np.add.outer(np.arange(3), np.arange(3))
+    parts = seen.index[own], sums[:, powers], chain, sums[:, 5:-1].reshape(-1, 4, 3), sums[:, -1]
+    return tuple(torch.from_numpy(np.ascontiguousarray(part)) for part in parts)
+
+
 def densities(
     joint: SplatMap, camera: Camera, position, worth: Tensor, slants: np.ndarray, columns: int,
-    sigma_color, sigma_depth, cutoff=CUTOFF, floor=FLOOR,
+    sigma_color, sigma_depth, cutoff=CUTOFF,
 ) -> np.ndarray:  # fmt: skip
-    """What a pixel would gain in every direction, for each of some places in the image: (slants · columns, 4).
+    """What a pixel would gain in every direction, for each of some places in the image: (4, slants, columns).
 
     worth (n, 9): v / (H + λ), 0 for splats that only occlude. slants: tan φ of the places. Columns and the four
     densities are the kernel's; any precision and device comes in, float64 comes out.
@@ -118,10 +139,11 @@ def densities(
     seen = project(joint, camera, pose, around=True)
     colors = joint.colors.detach().double().cpu().numpy()[seen.index]
     relative = joint.means.detach().double().cpu().numpy()[seen.index] - pose.position.numpy()
-    splats = seen.u / camera.focal, seen.var, seen.opacity, relative, seen.chain, colors
     worth = worth.detach().double().cpu().numpy()[seen.index]
-    noise = np.array([sigma_color, sigma_depth], float)
-    limit = EDGE * camera.width / 2 / camera.focal
-    places = [(float(slant), LOW_PASS / (1 + slant**2) ** 2, limit) for slant in slants]
-    parts = [row.densities(*splats, worth, camera.focal, columns, *place, noise, cutoff, floor) for place in places]
-    return np.concatenate(parts)
+    splats = seen.var, seen.opacity, relative, seen.chain, colors, worth
+    limit, noise = EDGE * camera.width / 2 / camera.focal, (float(sigma_color), float(sigma_depth))
+    steps = (np.arange(columns) + 0.5) * 2 * math.pi / columns - math.pi
+    compass = np.stack([np.sin(steps), np.cos(steps)], 1)
+    places = [(float(slant), LOW_PASS / (1 + slant**2) ** 2, limit, NEAR) for slant in slants]
+    parts = [row.densities(compass, *splats, camera.focal, *place, *noise, cutoff) for place in places]
+    return np.stack(parts).transpose(2, 0, 1)

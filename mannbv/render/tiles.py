@@ -12,6 +12,7 @@ from torch import Tensor
 from mannbv.camera import EDGE, LOW_PASS, NEAR, Camera
 from mannbv.geometry import Pose
 from mannbv.kernels import blend, gather, space, tiles
+from mannbv.kernels import gram as grams
 from mannbv.render.row import CUTOFF, FLOOR
 from mannbv.splats import SplatMap
 
@@ -152,3 +153,28 @@ def fisher(
     noise = values.dtype.type(sigma_color), values.dtype.type(sigma_depth)
     rows = gather.information(table, seen.places, seen.starts, seen.index, seen.splats, n_own, *seen.parts, *noise)
     return torch.from_numpy(rows)
+
+
+def gram(
+    joint: SplatMap, n_own: int, camera: Camera, pose: Pose, sigma_color, sigma_depth, cutoff=CUTOFF, floor=FLOOR
+) -> tuple[Tensor, ...]:
+    """What `information.blocks` is made of: index (c,) of the splats seen among the first `n_own`; of each the Gram
+    matrix of its features (6, 6), their chain (6, 10), Σ lift · weight · feature of each channel (4, 6), and Σ weight².
+
+    Features are the monomials of `space`, times the blend; lifts are over the noise.
+    """
+    seen = sort(joint, camera, pose, cutoff)
+    values = _values(seen, joint.colors.detach().numpy(), sigma_color, sigma_depth)
+    floor = values.dtype.type(floor)
+    common = seen.splats, values, seen.pairs, seen.tiles
+    image, full, spans = blend.composite(*common, seen.order, camera.width, camera.height, floor)
+    common = *common, full, spans, seen.order, image, seen.index < n_own, floor
+    chosen = np.flatnonzero(seen.index < n_own)
+    sums, terms = grams.totals(
+        blend.moments(*common), grams.crosses(*common), seen.places, seen.starts, seen.index, chosen, seen.splats,
+        *seen.parts,
+    )  # fmt: skip
+    depth = sums[:, None, 15 : 15 + space.TERMS]
+    cross = np.concatenate([sums[:, blend.MOMENTS :].reshape(-1, 3, space.TERMS), depth], 1)
+    parts = seen.index[chosen], sums[:, gather.GRAM], terms.transpose(0, 2, 1), cross, sums[:, blend.MOMENTS - 1]
+    return tuple(torch.from_numpy(np.ascontiguousarray(part)) for part in parts)

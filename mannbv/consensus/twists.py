@@ -1,0 +1,79 @@
+"""C-ADMM on whole poses, in Remark 1's Lie-algebra form: copies are twists relative to the announced poses.
+
+A twist is a vector, so that Eqs. (26)-(29) stay as they are: N robots with k degrees of freedom each are N·k numbers
+in place of N yaws. Only who evaluates an objective knows what a twist does to a pose.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from mannbv import network as networks
+from mannbv.consensus.agreement import Agreement, start
+from mannbv.consensus.solvers import Settings, exchange
+
+SOLVERS = {"cadmm": "exact", "cadmm-gradient": "gradient"}
+
+
+@dataclass(frozen=True, eq=False)
+class TwistRound:
+    """Where the team stands after a round of messages; twists [m, rad] move each robot from its announced pose."""
+
+    twists: Float[np.ndarray, "robots t"]  # each robot's own
+    copies: Float[np.ndarray, "robots robots t"]  # copies[i, k]: robot i's copy of robot k's twist
+    primal_residual: float = 0.0  # largest of the robots' [m, rad]
+    dual_residual: float = 0.0  # largest of the robots'
+    penalty: float = 0.0  # ρ of this round
+    states: tuple[Agreement, ...] = ()
+
+
+def solve_twists(objectives, network, directions, solver: str = "cadmm", **settings) -> list[TwistRound]:
+    """The team's poses that maximise Σ_i F_i, Eq. (25), as a trace of rounds of twists; the last one is the answer.
+
+    objectives: N functions F_i(twists (N, t)) of the robots' twists from their announced poses; a method or attribute
+    `.gradient(twists)`, (N, t), is used where there is one. directions: (N, k, t), the k twists along which each robot
+    may move, as `information.directions` gives them for a freedom: one a robot is the yaw, all of se(d) the pose.
+    solver: "cadmm" (BFGS on each robot's own problem, a local optimum) or "cadmm-gradient" (the paper's few steps).
+    network, settings: as in `solve`. Raises ValueError, in one line, for bad input.
+    """
+    if solver not in SOLVERS:
+        raise ValueError(f"consensus: no solver of twists is called '{solver}'; choose one of {', '.join(SOLVERS)}")
+    if not objectives or not all(callable(f) for f in objectives):
+        raise ValueError("consensus: objectives of twists must be a list of N functions")
+    settings, n = Settings.of(settings), len(objectives)
+    networks.check(network, n)
+    directions = np.asarray(directions, float)
+    if directions.ndim != 3 or len(directions) != n or 0 in directions.shape or not np.isfinite(directions).all():
+        raise ValueError(f"consensus: directions must be finite and ({n}, k, t), got {directions.shape}")
+    options = {name: getattr(settings, name) for name in ("penalty", "growth", "steps", "rate")}
+    options |= {"primal": settings.primal or SOLVERS[solver], "scale": float(settings.scale or 1.0)}
+    still = np.zeros(directions[..., 0].size)
+    states = [
+        start(i, networks.neighbours(network, i), still, _along(f, directions), **options)
+        for i, f in enumerate(objectives)
+    ]
+
+    def stand(states, residuals, penalty) -> TwistRound:
+        copies = np.stack([_twists(state.agreed, directions) for state in states])
+        return TwistRound(copies[range(n), range(n)], copies, *residuals, penalty, tuple(states))
+
+    return exchange(states, settings, stand)
+
+
+def _twists(coordinates: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(N, t) from the N·k numbers that robots agree on."""
+    return np.einsum("nk,nkt->nt", coordinates.reshape(directions.shape[:2]), directions)
+
+
+def _along(function, directions: np.ndarray):
+    """F as a function of the N·k coordinates along the directions, with its gradient where F has one."""
+
+    def value(coordinates):
+        return function(_twists(coordinates, directions))
+
+    if hasattr(function, "gradient"):
+        value.gradient = lambda coordinates: np.einsum(
+            "nt,nkt->nk", np.asarray(function.gradient(_twists(coordinates, directions)), float), directions
+        ).ravel()
+    return value
