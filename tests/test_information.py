@@ -122,10 +122,8 @@ def test_what_the_kernel_drops_hardly_matters(rng):
 def test_unknown_methods_are_named(rng):
     with pytest.raises(ValueError, match="unknown method 'fast'"):
         information.fisher(random_map(rng, 2, 2), camera_for(2, 4), random_pose(rng, 2), method="fast")
-    with pytest.raises(ValueError, match="yaw_profile: method 'panorama' does not serve 3-D maps"):
-        information.yaw_profile(
-            random_map(rng, 2, 3), camera_for(3, 4), [0.0] * 3, torch.zeros(2, 13), method="panorama"
-        )
+    with pytest.raises(ValueError, match="yaw_profile: unknown method 'all'; use auto, panorama or views"):
+        information.yaw_profile(random_map(rng, 2, 3), camera_for(3, 4), [0.0] * 3, torch.zeros(2, 13), method="all")
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -371,13 +369,15 @@ def test_two_pixels_gain_what_the_kernels_densities_say(rng):
         worth[::5] = 0  # occluders
         view = information.fisher(splat_map, camera, geometry.yaw_pose(place, yaw), sigma_color=0.1, sigma_depth=0.02)
         slants = np.array([-math.tan(angle), math.tan(angle)])
-        found = row.densities(splat_map, camera, place, worth, slants, columns, 0.1, 0.02, cutoff=0.0, floor=0.0)
+        found = row.densities(splat_map, camera, place, worth, slants, columns, 0.1, 0.02, cutoff=0.0)
         cos, sin = math.cos(yaw), math.sin(yaw)
-        total = found[int(left)] + found[columns + int(right)]
+        total = found[:, 0, int(left)] + found[:, 1, int(right)]
         assert_allclose(total @ [1, cos * cos, 2 * cos * sin, sin * sin], (view * worth).sum(), rtol=1e-9)
 
 
-def test_a_profile_of_nothing_is_zero():
-    profile = information.yaw_profile(SplatMap.empty(2), camera_for(2, 8), [0.0, 0.0], torch.zeros(0, 9))
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_profile_of_nothing_is_zero(dim):
+    none = torch.zeros(0, information.n_parameters(dim))
+    profile = information.yaw_profile(SplatMap.empty(dim), camera_for(dim, 8), [0.0] * dim, none)
     assert not profile.gains.any()
     assert profile.slope_at(0.3) == 0.0

@@ -1,7 +1,5 @@
 """The gain of all yaws at one position, from one look in all directions."""
 
-import functools
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,19 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
-from scipy.sparse import csr_array
 from torch import Tensor
 
 from mannbv import geometry, render, splats
 from mannbv.camera import Camera
 from mannbv.config import Config
-from mannbv.information.gain import gain_and_slope, worth_of
-from mannbv.render import row
+from mannbv.geometry import Pose
+from mannbv.information.gain import view_gain, worth_of
+from mannbv.render import panorama
 from mannbv.splats import SplatMap
 
 _DEFAULT = Config()
-_OVERSAMPLING = 4  # directions for each pixel on the axis
-_PLACES = 5  # in the image
 
 
 @dataclass(frozen=True)
@@ -74,94 +70,84 @@ def yaw_profile(
     method: str = "auto",
     sigma_color: float = _DEFAULT.sigma_color,
     sigma_depth: float = _DEFAULT.sigma_depth,
+    pitch: float = 0.0,
 ) -> YawProfile:
-    """Gain (15) of all yaws at `position` (d,) [m]; arguments as in `fisher` and `gain`.
+    """Gain (15) of all yaws at `position` (d,) [m], and in 3-D at a fixed `pitch` [rad], upwards; arguments as in
+    `fisher` and `gain`.
 
-    method "views" takes one Fisher a yaw. "panorama" (flatland) looks once in all directions: the information density
-    over direction, read at the pixels of every yaw. Depth along the camera's axis is linear in the axis, so three
-    densities (xx, xy, yy) give the depth channel. A pinhole stretches what it sees towards the image's edge, hence
-    densities for several places in the image. What is left to differ from separate views: the near plane, and what
-    lies between those places and directions. "auto": panorama in flatland, views in 3-D.
+    method "views" takes one Fisher a yaw. "panorama" looks once in all directions: the information density over
+    direction, read by the pixels of every yaw, a circular correlation. Depth along the camera's axis is linear in the
+    axis, so one density for each product of two of its components gives the depth channel. A pinhole stretches what it
+    sees towards the image's edge, hence densities for several places in the image. What is left to differ from
+    separate views: the near plane, what lies between those places and directions, in 3-D also how splats fall between
+    pixels and how an image stretches the largest. "auto": the panorama, but for cameras that see nearly straight up or
+    down. Raises ValueError for a method that does not serve, and for a pitch in flatland.
     """
-    if method not in ("auto", "panorama", "views") or (method == "panorama" and splat_map.dim != 2):
-        raise ValueError(f"yaw_profile: method '{method}' does not serve {splat_map.dim}-D maps; use auto or views")
-    render.check(splat_map, camera, geometry.yaw_pose(position, 0.0))
+    pitch = float(pitch)
+    view = _view(position, 0.0, pitch, camera)
+    render.check(splat_map, camera, view)
+    if method not in ("auto", "panorama", "views"):
+        raise ValueError(f"yaw_profile: unknown method '{method}'; use auto, panorama or views")
+    served = panorama.serves(camera, pitch)
+    if method == "panorama" and not served:
+        steepest = math.degrees(panorama.STEEPEST)
+        raise ValueError(f"yaw_profile: a panorama ends {steepest:.0f}° above and below the horizon; use views")
     if len(prior) != splat_map.n_splats or n_yaws < 1:
         rows = f"{len(prior)} rows of prior for {splat_map.n_splats} splats"
         raise ValueError(f"yaw_profile: needs a row a splat and at least one yaw, got {rows} and {n_yaws} yaws")
     yaws = uniform_yaws(n_yaws)
-    if method == "views" or splat_map.dim != 2:
+    if method == "views" or not served:
         noise = {"sigma_color": sigma_color, "sigma_depth": sigma_depth}
         options = {"weights": weights, "selected": selected, "damping": damping}
 
-        def evaluate(yaw: float) -> tuple[float, float]:
-            return gain_and_slope(splat_map, camera, position, float(yaw), prior, others, noise, **options)
+        def look(yaw: float) -> tuple[float, float]:
+            angle = torch.tensor(float(yaw), dtype=splat_map.means.dtype, requires_grad=torch.is_grad_enabled())
+            pose = _view(torch.as_tensor(position).to(splat_map.means), angle, pitch, camera)
+            value = view_gain(splat_map, camera, pose, prior, others, noise, **options)
+            slope = torch.autograd.grad(value, angle)[0] if value.requires_grad else 0.0
+            return value.item(), float(slope)
 
         with torch.no_grad():
-            gains = np.array([evaluate(yaw)[0] for yaw in yaws])
-        return YawProfile(yaws, gains, evaluate)
+            return YawProfile(yaws, np.array([look(yaw)[0] for yaw in yaws]), look)
     worth = worth_of(prior, weights, selected, damping)
     if others is not None:
         worth = torch.cat([worth, torch.zeros(others.n_splats, worth.shape[1]).to(worth)])
         splat_map = splats.union(splat_map, others)
-    columns = math.ceil(_OVERSAMPLING * 2 * math.pi * camera.focal)
-    slants = np.tan(_places(camera.fov))
-    densities = row.densities(splat_map, camera, position, worth, slants, columns, sigma_color, sigma_depth)
+    around = panorama.look(splat_map, camera, position, worth, pitch, sigma_color, sigma_depth)
+    up = view.rotation[2:, -1].numpy()  # of the axis: nothing in flatland
 
     def evaluate(yaw: float) -> tuple[float, float]:
-        pixels, rates = _pixels((camera.width, camera.focal), columns, np.array([float(yaw)]))
-        turn, turn_rate = _axis_terms(np.array([float(yaw)]))
-        seen = pixels @ densities
-        return max(float((seen * turn).sum()), 0.0), float((rates @ densities * turn + seen * turn_rate).sum())
+        angle = np.array([float(yaw)])
+        (seen, rates), (turn, turn_rate) = around.read(angle), _axis_terms(angle, up)
+        return max(float((seen * turn).sum()), 0.0), float((rates * turn + seen * turn_rate).sum())
 
-    seen = _uniform_pixels((camera.width, camera.focal), columns, n_yaws) @ densities
-    gains = (seen * _axis_terms(yaws)[0]).sum(1)
-    return YawProfile(yaws, np.maximum(gains, 0.0), evaluate)  # interpolation may dip a hair below zero
+    gains = (around.uniform(n_yaws) * _axis_terms(yaws, up)[0]).sum(0)
+    return YawProfile(yaws, np.maximum(gains, 0.0), evaluate)  # what lies between columns may dip a hair below zero
 
 
-def _axis_terms(yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What multiplies the four densities (colour, xx, xy, yy) of a camera along `yaw` (k,), and its slope: (k, 4)."""
-    cos, sin, zero = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
-    terms = np.stack([zero + 1, cos * cos, 2 * cos * sin, sin * sin], -1)
-    slopes = np.stack([zero, -2 * cos * sin, 2 * (cos * cos - sin * sin), 2 * cos * sin], -1)
-    return terms, slopes
+def _view(position, yaw, pitch: float, camera: Camera) -> Pose:
+    """A camera along `yaw`, tilted upwards by `pitch` [rad]."""
+    level = geometry.yaw_pose(position, yaw)
+    if not pitch:
+        return level
+    if camera.height is None:
+        raise ValueError(f"yaw_profile: a flatland camera cannot look up; pitch must be 0, got {pitch}")
+    tilt = geometry.so_exp(torch.tensor([pitch, 0.0, 0.0]).to(level.rotation))
+    return Pose(level.rotation @ tilt, level.position)
 
 
-def _places(fov: float) -> np.ndarray:
-    """Angles to the axis [rad] of the places in an image for which densities are computed."""
-    return np.linspace(-fov / 2, fov / 2, _PLACES)
+def _axis_terms(yaw: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What multiplies the quantities of a camera along `yaw` (k,), and its slope, (quantities, k).
 
-
-def _pixels(camera_size: tuple[int, float], columns: int, yaw: np.ndarray) -> tuple[csr_array, csr_array]:
-    """How the pixels of a pinhole (width, focal) along `yaw` (k,) read the densities, and the slope: (k, all columns).
-
-    A pixel looks along its centre, between columns (cubic convolution, which has a slope everywhere), and between the
-    places in the image (Lagrange), so that what a splat gains or loses by falling between two pixels is kept.
+    1 for colour, then the products of the axis with itself, the upper triangle of a matrix. up: the axis's components
+    above the ground.
     """
-    width, focal = camera_size
-    right = np.arctan((np.arange(width) + 0.5 - width / 2) / focal)
-    nodes = _places(2 * math.atan(width / 2 / focal))
-    shares = np.ones((_PLACES, width))
-    for a, b in itertools.permutations(range(_PLACES), 2):
-        shares[a] *= (right - nodes[b]) / (nodes[a] - nodes[b])
-    place = (right - yaw[:, None] + math.pi) * columns / (2 * math.pi) - 0.5
-    low = np.floor(place)
-    x = (place - low)[..., None] + np.array([1.0, 0.0, -1.0, -2.0])  # signed distance to the four columns around
-    far = np.abs(x)
-    near = far < 1
-    read = np.where(near, 1.5 * far**3 - 2.5 * far**2 + 1, -0.5 * far**3 + 2.5 * far**2 - 4 * far + 2)
-    rate = np.sign(x) * np.where(near, 4.5 * far**2 - 5 * far, -1.5 * far**2 + 5 * far - 4)
-    column = (low[..., None].astype(np.int64) + np.array([-1, 0, 1, 2])) % columns
-    rows = np.broadcast_to(np.arange(len(yaw))[:, None, None, None], (*place.shape, 4, _PLACES))
-    cells = rows.ravel(), (column[..., None] + columns * np.arange(_PLACES)).ravel()
-
-    def matrix(values: np.ndarray) -> csr_array:
-        return csr_array(((values[..., None] * shares.T[:, None]).ravel(), cells), (len(yaw), _PLACES * columns))
-
-    return matrix(read), matrix(-rate * columns / (2 * math.pi))
-
-
-@functools.lru_cache(maxsize=4)
-def _uniform_pixels(camera_size: tuple[int, float], columns: int, n_yaws: int) -> csr_array:
-    """`_pixels` of uniform yaws: the same for every position, so kept."""
-    return _pixels(camera_size, columns, uniform_yaws(n_yaws))[0]
+    level = math.sqrt(1 - float(up @ up))
+    flat, zero = np.ones_like(yaw), np.zeros_like(yaw)
+    axis = np.stack([level * np.cos(yaw), level * np.sin(yaw), *(u * flat for u in up)])
+    rate = np.stack([-level * np.sin(yaw), level * np.cos(yaw), *(zero for _ in up)])
+    first, second = np.triu_indices(len(axis))
+    twice = np.where(first == second, 1.0, 2.0)[:, None]
+    terms = twice * axis[first] * axis[second]
+    slopes = twice * (rate[first] * axis[second] + axis[first] * rate[second])
+    return np.concatenate([flat[None], terms]), np.concatenate([zero[None], slopes])

@@ -73,11 +73,11 @@ def information(
                     for m in range(TERMS):
                         along += gram[j, m] * terms[a, m]
                     square += terms[a, j] * along
-                rows[s, a] = square
+                rows[s, a] = max(square, F(0))  # it is, but for rounding
             for a in range(3):
                 ahead, cross = rotation[a, 2] / sigma_depth, F(0)
                 for j in range(TERMS):
                     cross += terms[a, j] * total[15 + j]
-                rows[s, a] += F(2) * ahead * cross + ahead * ahead * squares
+                rows[s, a] = max(rows[s, a] + F(2) * ahead * cross + ahead * ahead * squares, F(0))
                 rows[s, SHAPE + a] = squares / (sigma_color * sigma_color)
     return rows

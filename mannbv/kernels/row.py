@@ -196,103 +196,94 @@ def fisher(u, var, opacity, depth, chain, colors, forward, counts, width, sigma_
     return rows
 
 
-@njit(cache=True, nogil=True)
-def _as_seen(delta, slant, var, low_pass, focal):
-    """A splat `delta` [rad] left of a pixel that looks `slant` = tan φ off its camera's axis, as that pinhole sees it.
-
-    Lengths are in pixels as they are on the axis. Returns offset and variance there, by how much the pinhole
-    stretches the splat's angle (κ), and the tangent of the splat's own angle to the axis.
-    """
-    tangent = math.tan(delta)
-    turn = 1.0 + slant * tangent
-    stretch = (1.0 + tangent * tangent) / (turn * turn)
-    return focal * tangent / turn, var * stretch * stretch + low_pass, stretch, (slant - tangent) / turn
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "arcp"})
 def densities(
-    angle, var, opacity, relative, chain, colors, worth, focal, columns, slant, low_pass, limit, noise, cutoff, floor
-):
+    compass, var, opacity, relative, chain, colors, worth, focal, slant, low_pass, limit, near, sigma_color,
+    sigma_depth, cutoff,
+):  # fmt: skip
     """What a pixel would gain, at every direction (columns, 4): colour, and depth's xx, xy, yy in the camera's axis.
 
-    Directions are equal steps from −π to π to the right. angle (v,) [rad], var, chain: as `project` gives them for
-    all directions, without low pass. slant, low_pass: the pixel's place in its image, tan φ, and 0.3 cos⁴φ there.
-    limit: largest slope of the Jacobian's ray, which clamps splats beside the image as `project` does. relative (v, 2):
-    means less the camera's position, in the world frame. worth (v, 9): v / (H + λ), 0 for occluders. noise: standard
-    deviations of colour and depth.
+    compass (columns, 2): sine and cosine of directions in equal steps from −π to the right. var (v,), chain: as
+    `project` gives them for all directions, without low pass. slant, low_pass: the pixel's place in its image, tan φ,
+    and 0.3 cos⁴φ there. limit: largest slope of the Jacobian's ray, which clamps splats beside the image as `project`
+    does. near [m]: along the camera's axis. relative (v, 2): means less the camera's position, in the world frame.
+    worth (v, 9): v / (H + λ), 0 for occluders.
+
+    Splats are added from the back: one in front lets 1 − ρ of every later lift and weight through, so (1 − ρ)² of
+    what had been gained.
     """
-    values = np.concatenate((colors / noise[0], relative / noise[1]), 1)
-    step = 2.0 * math.pi / columns
-    image, gain = np.zeros((columns, 5)), np.zeros((columns, 4))
-    lift = np.empty(5)
-    for final in range(2):  # first what is seen in all, then each splat's share of it
-        through, before = np.ones(columns), np.zeros((columns, 5))
-        for s in range(len(angle)):
-            if opacity[s] <= cutoff:
+    values = np.concatenate((colors / sigma_color, relative / sigma_depth), 1)
+    columns = len(compass)
+    step, by_depth, hidden = 2.0 * math.pi / columns, 1.0 / sigma_depth, near * math.sqrt(1.0 + slant * slant)
+    behind, gain = np.zeros((columns, 5)), np.zeros((columns, 4))
+    for s in range(len(var) - 1, -1, -1):
+        if opacity[s] <= cutoff:
+            continue
+        x_worth, y_worth, counts, open_shape = worth[s, 0], worth[s, 1], worth[s].any(), 0.0
+        color_worth = (worth[s, 6] + worth[s, 7] + worth[s, 8]) / sigma_color**2
+        for a in range(3):
+            open_shape += worth[s, 2 + a] * chain[s, 4 + a] ** 2
+        range_to = math.hypot(relative[s, 0], relative[s, 1])
+        sin_splat, cos_splat = -relative[s, 1] / range_to, relative[s, 0] / range_to
+        faintest = 2.0 * math.log(opacity[s] / cutoff) if cutoff > 0.0 else math.inf
+        reach = math.sqrt((var[s] + low_pass) * faintest) / focal
+        reach = min(1.0, reach * (1.0 + 2.0 * abs(slant) * reach + reach * reach))  # as far as a pinhole stretches it
+        angle = math.atan2(sin_splat, cos_splat) + math.pi
+        for column in range(math.ceil((angle - reach) / step - 0.5), math.floor((angle + reach) / step - 0.5) + 1):
+            p = column % columns
+            # the splat is δ to the left of this direction: its offset there, and by how much the pinhole stretches it
+            sin = compass[p, 0] * cos_splat - compass[p, 1] * sin_splat
+            cos = compass[p, 0] * sin_splat + compass[p, 1] * cos_splat
+            ahead = cos + slant * sin
+            if range_to * ahead <= hidden:
                 continue
-            color_worth, range_to = worth[s, 6] + worth[s, 7] + worth[s, 8], math.hypot(relative[s, 0], relative[s, 1])
-            open_shape = 0.0
-            for a in range(3):
-                open_shape += worth[s, 2 + a] * chain[s, 4 + a] ** 2
-            reach = 1.0
-            if cutoff > 0.0:
-                reach = min(1.0, 1.5 * math.sqrt(2.0 * (var[s] + low_pass) * math.log(opacity[s] / cutoff)) / focal)
-            first = math.ceil((angle[s] - reach + math.pi) / step - 0.5)
-            last = math.floor((angle[s] + reach + math.pi) / step - 0.5)
-            for column in range(first, last + 1):
-                p = column % columns
-                delta = (column + 0.5) * step - math.pi - angle[s]
-                if through[p] < floor or slant * delta < -1.4:
-                    continue
-                away, wide, stretch, own = _as_seen(delta, slant, var[s], low_pass, focal)
-                held = abs(own) > limit
-                if held:  # the Jacobian's ray stops at the limit: the splat's depth shows, and shrinks it
-                    cos = 1.0 / math.sqrt(1.0 + own * own)
-                    sin, bound = own * cos, math.copysign(limit, own)
-                    scale = 1.0 / (1.0 + slant * slant) / cos
-                    across, along = scale * (cos + bound * sin), scale * (sin - bound * cos)
-                    wide = across * across * var[s] + 2.0 * across * along * chain[s, 7] + along * along * chain[s, 8]
-                    wide += low_pass
-                raw = opacity[s] * math.exp(-0.5 * away * away / wide)
-                if raw < cutoff:
-                    continue
-                rho = min(raw, MAX_BLEND)
-                weight = rho * through[p]
-                if not final:
-                    for c in range(5):
-                        image[p, c] += weight * values[s, c]
-                    through[p] -= weight
-                    continue
-                for c in range(5):
-                    before[p, c] += weight * values[s, c]
-                if color_worth > 0.0:
-                    for c in range(5):
-                        lift[c] = through[p] * values[s, c] - (image[p, c] - before[p, c]) / (1.0 - rho)
-                    active = rho if raw <= MAX_BLEND else 0.0
-                    by_var = 0.5 * active * (away / wide) ** 2
-                    by_u = active * away / wide * stretch
-                    if held:
-                        shape, back = 0.0, -2.0 * by_var * (wide - low_pass) / (range_to * cos)
-                        for a in range(3):
-                            slope = across * across * chain[s, 4 + a] + 2.0 * across * along * chain[s, 9 + a]
-                            shape += worth[s, 2 + a] * (slope + along * along * chain[s, 12 + a]) ** 2
-                        by_u -= back * sin * range_to / focal
-                        mx = by_u * chain[s, 0] + back * cos * relative[s, 0] / range_to
-                        my = by_u * chain[s, 1] + back * cos * relative[s, 1] / range_to
-                    else:
-                        shape, by_var = open_shape, by_var * stretch * stretch
-                        by_u += by_var * 4.0 * var[s] * own / focal
-                        mx = by_u * chain[s, 0] + by_var * chain[s, 2]
-                        my = by_u * chain[s, 1] + by_var * chain[s, 3]
-                    response = worth[s, 0] * mx * mx + worth[s, 1] * my * my + by_var * by_var * shape
-                    response += (active * (1.0 - opacity[s])) ** 2 * worth[s, 5]
-                    square = weight * weight
-                    gain[p, 0] += (lift[0] ** 2 + lift[1] ** 2 + lift[2] ** 2) * response
-                    gain[p, 0] += square * color_worth / noise[0] ** 2
-                    sx, sy = worth[s, 0] * mx * weight / noise[1], worth[s, 1] * my * weight / noise[1]
-                    direct = square / noise[1] ** 2
-                    gain[p, 1] += lift[3] ** 2 * response + 2.0 * lift[3] * sx + direct * worth[s, 0]
-                    gain[p, 2] += lift[3] * lift[4] * response + lift[3] * sy + lift[4] * sx
-                    gain[p, 3] += lift[4] ** 2 * response + 2.0 * lift[4] * sy + direct * worth[s, 1]
-                through[p] -= weight
+            pull = 1.0 / ahead
+            away, stretch, own = focal * sin * pull, pull * pull, (slant * cos - sin) * pull
+            wide, held = var[s] * stretch * stretch + low_pass, abs(own) > limit
+            if held:  # the Jacobian's ray stops at the limit: the splat's depth shows, and shrinks it
+                cos = 1.0 / math.sqrt(1.0 + own * own)
+                sin, bound = own * cos, math.copysign(limit, own)
+                scale = 1.0 / (1.0 + slant * slant) / cos
+                across, along = scale * (cos + bound * sin), scale * (sin - bound * cos)
+                wide = across * across * var[s] + 2.0 * across * along * chain[s, 7] + along * along * chain[s, 8]
+                wide += low_pass
+            if away * away > faintest * wide:
+                continue
+            by_wide = 1.0 / wide
+            raw = opacity[s] * math.exp(-0.5 * away * away * by_wide)
+            rho = min(raw, MAX_BLEND)
+            left = 1.0 - rho
+            for c in range(4):
+                gain[p, c] *= left * left
+            if counts:
+                tint = 0.0
+                for c in range(3):
+                    tint += (values[s, c] - behind[p, c]) ** 2
+                x, y = values[s, 3] - behind[p, 3], values[s, 4] - behind[p, 4]
+                active = rho if raw <= MAX_BLEND else 0.0
+                by_var = 0.5 * active * (away * by_wide) ** 2
+                by_u = active * away * by_wide * stretch
+                if held:
+                    shape, back = 0.0, -2.0 * by_var * (wide - low_pass) / (range_to * cos)
+                    for a in range(3):
+                        slope = across * across * chain[s, 4 + a] + 2.0 * across * along * chain[s, 9 + a]
+                        shape += worth[s, 2 + a] * (slope + along * along * chain[s, 12 + a]) ** 2
+                    by_u -= back * sin * range_to / focal
+                    mx = by_u * chain[s, 0] + back * cos * relative[s, 0] / range_to
+                    my = by_u * chain[s, 1] + back * cos * relative[s, 1] / range_to
+                else:
+                    shape, by_var = open_shape, by_var * stretch * stretch
+                    by_u += by_var * 4.0 * var[s] * own / focal
+                    mx = by_u * chain[s, 0] + by_var * chain[s, 2]
+                    my = by_u * chain[s, 1] + by_var * chain[s, 3]
+                response = x_worth * mx * mx + y_worth * my * my + by_var * by_var * shape
+                response += (active * (1.0 - opacity[s])) ** 2 * worth[s, 5]
+                direct, square = rho * by_depth, rho * rho
+                sx, sy = x_worth * mx * direct, y_worth * my * direct
+                gain[p, 0] += tint * response + square * color_worth
+                gain[p, 1] += x * (x * response + 2.0 * sx) + direct * direct * x_worth
+                gain[p, 2] += x * (y * response + sy) + y * sx
+                gain[p, 3] += y * (y * response + 2.0 * sy) + direct * direct * y_worth
+            for c in range(5):
+                behind[p, c] += rho * (values[s, c] - behind[p, c])
     return gain

@@ -31,7 +31,7 @@ def workspace(like):
 
 
 @njit(**KERNEL)
-def _look(s, means, log_scales, rotations, rotation, position, lens, work):
+def look(s, means, log_scales, rotations, rotation, position, lens, work):
     """Fill the workspace for a splat: its place in the camera's frame, and its axes as the image sees them."""
     local, ray, scales, turn, slopes, spread, _ = work
     F = means.dtype.type
@@ -75,7 +75,7 @@ def project(means, log_scales, rotations, logits, rotation, position, lens, size
                 depth += (means[s, k] - position[k]) * rotation[k, 2]
             if depth <= near or opacity <= cutoff:
                 continue
-            _look(s, means, log_scales, rotations, rotation, position, lens, work)
+            look(s, means, log_scales, rotations, rotation, position, lens, work)
             xx, xy, yy, cross = low_pass, F(0), low_pass, F(0)
             for a in range(3):
                 b, c = (a + 1) % 3, (a + 2) % 3
@@ -124,7 +124,7 @@ def response(s, seen, means, log_scales, rotations, rotation, position, lens, wo
     """
     F = means.dtype.type
     local, ray, scales, turn, slopes, spread, carried = work
-    _look(s, means, log_scales, rotations, rotation, position, lens, work)
+    look(s, means, log_scales, rotations, rotation, position, lens, work)
     depth = local[2]
     terms[:] = F(0)
     for a in range(3):
