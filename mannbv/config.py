@@ -16,9 +16,9 @@ def _constant(default, unit: str, meaning: str, source: str = "chosen here"):
 
 _KINDS = {int: (numbers.Integral, "a whole number"), float: (numbers.Real, "a finite number"), str: (str, "a name")}
 _POSITIVE = frozenset([
-    "image_width", "image_height", "fov", "max_depth", "step", "turn", "cell", "insert_scale", "sigma_color",
-    "sigma_depth", "n_subgoals", "r_min", "beta1", "beta2", "gamma1", "risk_scale", "stride", "reach", "penalty",
-    "penalty_growth",
+    "image_width", "image_height", "fov", "max_depth", "step", "turn", "cell", "insert_spacing", "insert_scale",
+    "sigma_color", "sigma_depth", "n_subgoals", "r_min", "beta1", "beta2", "gamma1", "risk_scale", "stride", "reach",
+    "penalty", "penalty_growth",
 ])  # fmt: skip
 
 
@@ -42,9 +42,13 @@ class Config:
     explained_opacity: float = _constant(0.7, "1", "a pixel more opaque than this may be explained by the map")
     explained_depth: float = _constant(0.05, "1", "… if its depth differs by less than this share (and 5 cm)")
     insert_opacity: float = _constant(0.8, "1", "opacity of a new splat")
-    insert_scale: float = _constant(0.6, "px", "std of a new splat, in pixels at its depth")
+    insert_spacing: int = _constant(1, "px", "at most one new splat in a square of so many pixels a side")
+    insert_scale: float = _constant(0.6, "1", "std of a new splat, as a share of that spacing at its depth")
     fit_steps: int = _constant(24, "1", "optimiser steps a keyframe")
-    fit_window: int = _constant(6, "1", "latest keyframes that are fitted; two older ones join them")
+    fit_window: int = _constant(6, "1", "latest keyframes that are fitted")
+    fit_older: int = _constant(2, "1", "older keyframes, drawn anew each time, that join them")
+    moments: str = _constant("fresh", "", "Adam's memory: fresh each keyframe (moves all) or kept (moves what is seen)")
+    densify_error: float = _constant(1.0, "1", "half way, a pixel wrong by more than this gets a splat; 1: never")
     learning_rate: float = _constant(1.0, "1", "factor on every parameter group's learning rate")
     prune_opacity: float = _constant(0.05, "1", "splats fainter than this are removed")
     prune_scale: float = _constant(0.5, "m", "splats with a larger std are removed")
@@ -126,6 +130,12 @@ class Config:
         if not isinstance(values, dict):
             raise ValueError("config: expected a JSON object of constants")
         return Config().replace(**values)
+
+
+# For maps of space, chosen here: a splat to four pixels, finer where those fail; a room at 128×128 takes some 24,000.
+SPACE = Config(
+    insert_spacing=2, densify_error=0.05, fit_steps=48, fit_older=8, learning_rate=0.5, moments="kept"
+)  # fmt: skip
 
 
 def describe(config: Config | None = None) -> str:

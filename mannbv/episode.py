@@ -14,12 +14,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from mannbv import metrics, network, team, world
+from mannbv import mapping, metrics, network, team, world
 from mannbv.camera import Camera, Frame
 from mannbv.config import Config
 from mannbv.geometry import Pose
 from mannbv.grid import Lattice, Occupancy
-from mannbv.mapping import LocalMap
 from mannbv.messages import Ledger, Post
 from mannbv.splats import SplatMap
 from mannbv.team import Guests, Mission, Robot
@@ -219,17 +218,17 @@ def _text(value) -> np.ndarray:
 
 def _pack(robot: Robot) -> dict[str, np.ndarray]:
     small = {"yaw": robot.yaw, "status": robot.status, "stuck": robot.stuck, "collisions": robot.collisions}
-    small |= {"tried": [list(map(float, spot)) for spot in robot.tried], "born": robot.local.born}
+    small |= {"tried": [list(map(float, spot)) for spot in robot.tried]}
     lattice = robot.ground.lattice
     small |= {"origin": lattice.origin, "cell": lattice.cell, "heard": sorted(robot.heard)}
     arrays = {"small": _text(small), "position": robot.position, "goal": robot.goal, "trail": robot.trail}
-    arrays |= {"ground": robot.ground.log_odds, "ids": robot.local.ids.numpy(), "prior": robot.local.prior.numpy()}
-    arrays |= _pack_map("own", robot.local.splats) | _pack_map("guest", robot.guests.splats)
+    arrays |= {"ground": robot.ground.log_odds} | _pack_map("guest", robot.guests.splats)
+    arrays |= {f"own_{name}": values for name, values in mapping.to_arrays(robot.local).items()}
     guests = robot.guests
     arrays |= {"guest_senders": guests.senders.numpy(), "guest_ids": guests.ids.numpy()}
     arrays["guest_prior"] = guests.prior.numpy()
     arrays |= {f"heard_{k}": ground.log_odds for k, ground in robot.heard.items()}
-    return arrays | _pack_frames("keyframe", robot.local.keyframes) | _pack_frames("frame", robot.frames)
+    return arrays | _pack_frames("frame", robot.frames)
 
 
 def _unpack(index: int, archive) -> Robot:
@@ -239,10 +238,9 @@ def _unpack(index: int, archive) -> Robot:
     small = json.loads(bytes(get("small")).decode())
     log_odds = get("ground")
     lattice = Lattice(tuple(small["origin"]), small["cell"], log_odds.shape)
-    prior, guest_prior = torch.from_numpy(get("prior")), torch.from_numpy(get("guest_prior"))
-    local = LocalMap(
-        _unpack_map("own", get), torch.from_numpy(get("ids")), prior, _unpack_frames("keyframe", get), small["born"]
-    )
+    own = f"{index}/own_"
+    local = mapping.from_arrays({key.removeprefix(own): archive[key] for key in archive.files if key.startswith(own)})
+    guest_prior = torch.from_numpy(get("guest_prior"))
     senders, ids = torch.from_numpy(get("guest_senders")), torch.from_numpy(get("guest_ids"))
     guests = Guests(_unpack_map("guest", get), senders, ids, guest_prior)
     heard = {k: Occupancy(lattice, get(f"heard_{k}")) for k in small["heard"]}
