@@ -100,6 +100,31 @@ def union(*maps: SplatMap) -> SplatMap:
     return SplatMap(*(torch.cat(parts) for parts in zip(*(m.tensors() for m in maps), strict=True)))
 
 
+def lifted(flat: SplatMap, heights, std: float) -> SplatMap:
+    """A flatland map repeated at `heights` (k,) [m]: 3-D splats, all of `flat` at the first height, then the next.
+
+    Each keeps its colour and opacity, turns about the vertical as it did in the plane, and gets the standard deviation
+    `std` [m] upwards. Raises ValueError for a map of space, or heights and `std` that are none.
+    """
+    heights = torch.as_tensor(heights).to(flat.means)
+    if flat.dim != 2:
+        raise ValueError(f"lifted: the map is {flat.dim}-D already; give a flatland map")
+    if heights.ndim != 1 or not bool(torch.isfinite(heights).all()):
+        raise ValueError(f"lifted: heights must be a list of finite numbers [m], got {heights.tolist()}")
+    if not 0 < std < math.inf:
+        raise ValueError(f"lifted: std must be a positive number of metres, got {std}")
+    n, k = flat.n_splats, len(heights)
+    half = torch.atan2(flat.rotations[:, 1], flat.rotations[:, 0]) / 2
+    quaternions = torch.stack([half.cos(), 0 * half, 0 * half, half.sin()], 1)
+    means, log_scales, quaternions, logits, colors = (
+        part.repeat(k, *[1] * (part.ndim - 1))
+        for part in (flat.means, flat.log_scales, quaternions, flat.opacity_logits, flat.colors)
+    )
+    upwards = torch.full((n * k, 1), math.log(std)).to(log_scales)
+    means = torch.cat([means, heights.repeat_interleave(n)[:, None]], 1)
+    return SplatMap(means, torch.cat([log_scales, upwards], 1), quaternions, logits, colors)
+
+
 def save(splat_map: SplatMap, path) -> None:
     """Write a map to `.npz` (both dimensions) or `.ply` (3-D, the standard 3DGS layout)."""
     path = Path(path)
@@ -202,14 +227,16 @@ def _ply_header(path: Path, lines: list[bytes]) -> tuple[int, np.dtype]:
     if not lines or lines[0].strip() != b"ply":
         raise FormatError(f"{path}: does not begin with 'ply'; is it a 3DGS point cloud?")
     count, columns, element = None, [], None
+    if [line.split()[1:2] for line in lines if line.startswith(b"format")] != [[b"binary_little_endian"]]:
+        raise FormatError(f"{path}: only binary_little_endian .ply files are read; convert it first")
     for line in lines[1:]:
         words = line.decode("ascii", "replace").split()
-        if words[:1] == ["format"] and words[1:2] != ["binary_little_endian"]:
-            raise FormatError(f"{path}: only binary_little_endian .ply files are read; convert it first")
         if words[:1] == ["element"]:
             element = words[1] if len(words) == 3 and words[2].isdigit() and len(words[2]) < 19 else None
-            if element is None or (count is None and element != "vertex"):
-                raise FormatError(f"{path}: the header's line '{' '.join(words)}' should be 'element vertex N'")
+            if element is None or (count is None) != (element == "vertex"):
+                raise FormatError(
+                    f"{path}: the header's line '{' '.join(words)}' should be one 'element vertex N' first"
+                )
             count = int(words[2]) if element == "vertex" else count
         if words[:1] == ["property"] and element == "vertex":
             if len(words) != 3 or words[1] not in _PLY_TYPES:
@@ -227,11 +254,11 @@ def _load_ply(path: Path) -> dict[str, np.ndarray]:
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(65536)
-        end = head.find(b"end_header\n")
+        end = head.find(b"\nend_header\n")
         if end < 0:
             raise FormatError(f"{path}: no 'end_header' in its first 64 kB; not a whole .ply file")
         count, record = _ply_header(path, head[:end].splitlines())
-        start = end + len(b"end_header\n")
+        start = end + len(b"\nend_header\n")
         room = (size - start) // record.itemsize
         if count > _MAX_SPLATS or count > room:
             raise FormatError(
@@ -245,7 +272,8 @@ def _load_ply(path: Path) -> dict[str, np.ndarray]:
         warnings.warn(f"{path}: spherical harmonics beyond degree 0 are dropped", stacklevel=3)
 
     def columns(*names: str) -> np.ndarray:
-        return np.stack([rows[name] for name in names], 1).astype(np.float32)
+        with np.errstate(over="ignore"):  # a double too large for a float becomes infinite, which `load` refuses
+            return np.stack([rows[name] for name in names], 1).astype(np.float32)
 
     return {
         "means": columns("x", "y", "z"),

@@ -220,8 +220,8 @@ def dead_links(notebook) -> list[str]:
 # --- every notebook -------------------------------------------------------------------------------------------------
 
 
-def test_there_are_thirteen_in_order():
-    assert [stem[:2] for stem in STEMS] == [f"{k:02}" for k in range(13)]
+def test_there_are_fourteen_in_order():
+    assert [stem[:2] for stem in STEMS] == [f"{k:02}" for k in range(14)]
 
 
 @everywhere
@@ -465,7 +465,7 @@ def test_missing_and_failed_outputs_are_seen():
 
 
 def test_a_dead_link_is_seen():
-    assert dead_links(made_up("# to [00](00_start.ipynb) and [13](13_none.ipynb)")) == ["13_none"]
+    assert dead_links(made_up("# to [00](00_start.ipynb) and [99](99_none.ipynb)")) == ["99_none"]
 
 
 def test_a_guide_that_does_not_fit_the_notebooks_is_seen():

@@ -10,6 +10,7 @@ from mannbv.widgets.messages import messages
 from mannbv.widgets.paths import risk_weight
 from mannbv.widgets.player import player
 from mannbv.widgets.risk import risk_field
+from mannbv.widgets.walk import walk
 
 __all__ = [
     "Explorer",
@@ -22,4 +23,5 @@ __all__ = [
     "risk_field",
     "risk_weight",
     "splat_and_camera",
+    "walk",
 ]
