@@ -18,7 +18,7 @@ from mannbv.kernels import panorama, space
 from mannbv.kernels import tiles as pairs_of
 from mannbv.render import row as rows
 from mannbv.render.row import CUTOFF, FLOOR
-from mannbv.render.tiles import _array, _by_range, _refuse
+from mannbv.render.tiles import array, by_range, refuse
 from mannbv.splats import SplatMap
 
 STEEPEST = math.radians(65)  # nearer to the poles a cylinder stretches splats too much
@@ -172,12 +172,12 @@ def _low_pass(camera: Camera, pitch: float, samples: int = 33) -> tuple[np.ndarr
 
 
 def _cylinder(joint, camera, position, worth, pitch, noise, cutoff, floor) -> Panorama:
-    _refuse(joint)
+    refuse(joint)
     around, like = cylinder(camera, pitch), joint.means.detach().cpu()
-    means, log_scales, rotations, logits, colors = (_array(part.cpu(), like) for part in joint.tensors())
+    means, log_scales, rotations, logits, colors = (array(part.cpu(), like) for part in joint.tensors())
     dtype = means.dtype
     position = np.asarray(torch.as_tensor(position).detach().cpu(), dtype)
-    worth, noise = _array(worth.cpu(), like), noise.astype(dtype)
+    worth, noise = array(worth.cpu(), like), noise.astype(dtype)
     steepest = EDGE * max(around.horizon, around.height - around.horizon) / around.radius
     lens = np.array([around.radius, steepest, steepest], dtype)
     size, low_pass = np.array([around.height, around.horizon], dtype), around.low_pass.astype(dtype)
@@ -185,7 +185,7 @@ def _cylinder(joint, camera, position, worth, pitch, noise, cutoff, floor) -> Pa
         means, log_scales, rotations, logits, position, lens, size, dtype.type(NEAR), low_pass, dtype.type(cutoff)
     )
     index = np.flatnonzero(images[0, :, space.REACH] > 0)
-    index = index[_by_range(images[0, index, space.FAR])]
+    index = index[by_range(images[0, index, space.FAR])]
     copies, shift = _around_the_seam(images[0, index], around.columns)
     values = np.concatenate([colors[index] / noise[0], (means[index] - position) / noise[1]], 1)[copies]
     shape = means, log_scales, rotations, position, lens

@@ -3,7 +3,8 @@
 The dense reference is its twin. Blends under the cut-off 1/255 are dropped and a pixel ends at transmittance 1e-4.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
@@ -16,6 +17,7 @@ from mannbv.kernels import gram as grams
 from mannbv.render.row import CUTOFF, FLOOR
 from mannbv.splats import SplatMap
 
+_FIELDS = [field.name for field in fields(SplatMap)]
 MAX_LOG_SCALE = 14.0  # e¹⁴ m are a thousand kilometres
 
 
@@ -44,30 +46,29 @@ def serves(splat_map: SplatMap, *others: Tensor) -> bool:
     return splat_map.dim == 3 and plain and not any(t.requires_grad for t in others)
 
 
-def _array(tensor: Tensor, like: Tensor) -> np.ndarray:
+def array(tensor: Tensor, like: Tensor) -> np.ndarray:
+    """The numbers of a tensor, in the precision of another and without holes, for a kernel."""
     return np.ascontiguousarray(tensor.detach().to(like).numpy())
 
 
-def _refuse(splat_map: SplatMap) -> None:
+def refuse(splat_map: SplatMap) -> None:
     """Raises ValueError for what the kernel, compiled for finite numbers, must not see."""
-    for name, part in zip(
-        ("means", "log_scales", "rotations", "opacity_logits", "colors"), splat_map.tensors(), strict=True
-    ):
-        if not bool(torch.isfinite(part).all()):
+    for name, part in zip(_FIELDS, splat_map.tensors(), strict=True):
+        part = part.detach()
+        if not (math.isfinite(part.sum()) or bool(torch.isfinite(part).all())):  # the sum is the quicker look
             raise ValueError(f"render: {name} hold nan or infinity; drop those splats with select(torch.isfinite(…))")
-    if splat_map.n_splats and float(splat_map.log_scales.max()) > MAX_LOG_SCALE:
-        raise ValueError(
-            f"render: a splat of e^{float(splat_map.log_scales.max()):.0f} m; log_scales are logarithms of metres"
-        )
+    widest = float(splat_map.log_scales.detach().max()) if splat_map.n_splats else 0.0
+    if widest > MAX_LOG_SCALE:
+        raise ValueError(f"render: a splat of e^{widest:.0f} m; log_scales are logarithms of metres")
 
 
 def sort(splat_map: SplatMap, camera: Camera, pose: Pose, cutoff: float = CUTOFF) -> Sorted:
     """Project the splats, order them by range, and deal them out to tiles."""
-    _refuse(splat_map)
+    refuse(splat_map)
     like = splat_map.means
-    means, log_scales, rotations, logits, _ = (_array(part, like) for part in splat_map.tensors())
+    means, log_scales, rotations, logits, _ = (array(part, like) for part in splat_map.tensors())
     dtype = means.dtype
-    rotation, position = _array(pose.rotation, like), _array(pose.position, like)
+    rotation, position = array(pose.rotation, like), array(pose.position, like)
     size = np.array(camera.size, dtype)
     lens = np.array([camera.focal, *(EDGE * n / 2 / camera.focal for n in camera.size)], dtype)
     image = space.project(
@@ -75,7 +76,7 @@ def sort(splat_map: SplatMap, camera: Camera, pose: Pose, cutoff: float = CUTOFF
         dtype.type(cutoff),
     )  # fmt: skip
     index = np.flatnonzero(image[:, space.REACH] > 0)
-    index = index[_by_range(image[index, space.FAR])]
+    index = index[by_range(image[index, space.FAR])]
     splats = image[index]
     pairs, starts_of_tiles, places, starts = tiles.sort(splats, camera.width, camera.height)
     order = np.argsort(-np.diff(starts_of_tiles), kind="stable")
@@ -83,7 +84,7 @@ def sort(splat_map: SplatMap, camera: Camera, pose: Pose, cutoff: float = CUTOFF
     return Sorted(parts, index, splats, pairs, starts_of_tiles, places, starts, order)
 
 
-def _by_range(far: np.ndarray) -> np.ndarray:
+def by_range(far: np.ndarray) -> np.ndarray:
     """The order of squared ranges, equal ones as they come."""
     if far.dtype != np.float32:
         return np.argsort(far, kind="stable")
