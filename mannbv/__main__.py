@@ -1,4 +1,4 @@
-"""The command line: `python -m mannbv scenes | compare SCENE | tables RUN… | grade FOLDER | doctor`.
+"""The command line: `python -m mannbv scenes | compare SCENE | tables RUN… | bench | grade FOLDER | doctor`.
 
 Any error is one line on standard error and exit status 2; Ctrl-C ends with 130. What a command needs is imported when
 it runs, so that --help comes at once.
@@ -6,6 +6,7 @@ it runs, so that --help comes at once.
 
 import argparse
 import contextlib
+import functools
 import logging
 import math
 import os
@@ -55,9 +56,17 @@ def main(argv: list[str] | None = None) -> int:
     except ValueError as error:
         return _fail(str(error) or type(error).__name__)
     except Exception as error:
+        if _interrupted(error):
+            print("mannbv: stopped; the same command resumes", file=sys.stderr)
+            return 130
         if os.environ.get("MANNBV_DEBUG"):
             raise
         return _fail(f"a fault in mannbv itself ({type(error).__name__}: {error}); MANNBV_DEBUG=1 shows where")
+
+
+def _interrupted(error: BaseException) -> bool:
+    """Whether Ctrl-C is behind it: from within a compiled kernel it comes as the cause of a SystemError."""
+    return isinstance(error, KeyboardInterrupt) or isinstance(error.__cause__, KeyboardInterrupt)
 
 
 def _fail(message: str) -> int:
@@ -104,6 +113,18 @@ def _parser() -> argparse.ArgumentParser:
     tables.add_argument("runs", nargs="+", metavar="RUN", help="results.json, a run's .npz, or a folder of them")
     tables.add_argument("--format", choices=("text", "csv", "latex"), default="text", help="csv: one line a robot")
     tables.set_defaults(command=_tables)
+
+    bench = commands.add_parser(
+        "bench",
+        help="how fast every stage is, beside what it replaces",
+        description="Time every stage in turns with what it replaces, a few minutes in all; write JSON, and a picture "
+        "of cost against splats, pixels and threads beside it. Leave the machine alone meanwhile.",
+    )
+    bench.add_argument("--out", type=Path, default="bench.json", metavar="FILE", help="the JSON (default bench.json)")
+    bench.add_argument(
+        "--quick", action="store_true", help="within a minute: few rounds, no cold start and no main job"
+    )
+    bench.set_defaults(command=_bench)
 
     grade = commands.add_parser(
         "grade",
@@ -214,13 +235,55 @@ def _tables(arguments) -> int:
     return 0
 
 
+def _bench(arguments) -> int:
+    out = arguments.out
+    if out.suffix != ".json":
+        raise _UsageError(f"bench: --out {out} must end in .json; the picture goes beside it as .png")
+    from tqdm import tqdm
+
+    from mannbv import bench, draw, study
+
+    out.parent.mkdir(parents=True, exist_ok=True)
+    kept = {}
+
+    def keep(report: dict) -> None:
+        study.save(report, out)
+        kept.update(report)
+
+    with tqdm(total=len(bench.STAGES), file=sys.stderr, disable=None, bar_format="{desc} |{bar}| {elapsed}") as bar:
+
+        def tell(done: int, stage: str, line: str) -> None:
+            bar.n = done
+            bar.set_description_str(stage)
+            if line:
+                bar.write(line)  # to standard output, above the bar
+                sys.stdout.flush()
+
+        try:
+            bench.run(bench.QUICK if arguments.quick else bench.FULL, keep, tell)
+        except (KeyboardInterrupt, SystemError) as error:
+            if not _interrupted(error):
+                raise
+            bar.close()
+            print(
+                f"mannbv: stopped; {f'what was measured is in {out}' if kept else 'nothing was measured'}",
+                file=sys.stderr,
+            )
+            return 130
+    for target in kept["targets"]:
+        print(bench.verdict(target))
+    draw.save(draw.cost_figure(kept), out.with_suffix(".png"))
+    print(f"Figure:  {out.with_suffix('.png')}\nResults: {out}")
+    return 0
+
+
 def _grade(arguments) -> int:
     from mannbv import grade
 
-    copies, kept = grade.grade(arguments.folder, arguments.out, arguments.notebooks or grade.COURSE, arguments.limit)
-    width = max(len(rows[0]["file"]) for rows in copies)
-    for rows in copies:
-        print(f"{rows[0]['file']:{width}}  {grade.score(rows)}")
+    course = arguments.notebooks or grade.COURSE
+    copies, kept = grade.grade(
+        arguments.folder, arguments.out, course, arguments.limit, functools.partial(print, flush=True)
+    )
     again = f", {kept} of them graded before with the same content" if kept else ""
     print(f"{len(copies)} files{again}: {arguments.out}")
     return 0

@@ -23,14 +23,13 @@ FLOORS = {
     "episode": 7,
     "study": 8,
     **dict.fromkeys(["draw", "check"], 9),
-    **dict.fromkeys(["widgets", "grade", "doctor"], 10),
+    **dict.fromkeys(["widgets", "grade", "doctor", "bench"], 10),
     "__main__": 11,
 }
 BASEMENT = "kernels"  # numba loops: every room may use them, they use no room
 
 # where a room above the ground floors may ask for the dimension, and why
 MAY_ASK = {
-    ("information", "yaw_profile"): "panoramas serve flatland only",
     ("__main__", "_compare"): "refuses what is not built yet",
 }
 GROUND = {name for name, floor in FLOORS.items() if floor <= 1} | {BASEMENT}
