@@ -184,6 +184,16 @@ def test_setup_runs_again_only_when_the_lock_or_the_project_changed(tmp_path):
         os.utime(tmp_path / name, (0, 0))
 
 
+# --- threads --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("asked", "told"), [({}, "passive"), ({"OMP_WAIT_POLICY": "active"}, "active")])
+def test_waiting_threads_leave_the_cores_to_others_unless_told_otherwise(asked, told, tmp_path, monkeypatch):
+    monkeypatch.delenv("OMP_WAIT_POLICY", raising=False)
+    done = run(sys.executable, "-c", "import os, mannbv; print(os.environ['OMP_WAIT_POLICY'])", cwd=tmp_path, **asked)
+    assert done.stdout.strip() == told
+
+
 # --- CI -------------------------------------------------------------------------------------------------------------
 
 
