@@ -38,8 +38,10 @@ test: $(READY) ## pytest, every notebook under strict nbval, then the reader's c
 	$(PY) tools/course.py $(REPORTS)/course
 	$(PYTEST) -c tools/course.ini --rootdir=. $(REPORTS)/course --junitxml=$(REPORTS)/course.xml
 
-test-generic: $(READY) ## every notebook under strict nbval, compiled for a processor without extras
+test-generic: $(READY) ## the notebooks of both editions, compiled for a processor without extras
 	NUMBA_CPU_NAME=generic $(PYTEST) -c tools/nbval.ini --rootdir=. notebooks --junitxml=$(REPORTS)/generic.xml
+	$(PY) tools/course.py $(REPORTS)/course
+	NUMBA_CPU_NAME=generic $(PYTEST) -c tools/course.ini --rootdir=. $(REPORTS)/course --junitxml=$(REPORTS)/generic-course.xml
 
 exercises: $(READY) ## the reader's copies of the notebooks, exercises empty, into course/; what you changed there stays
 	$(PY) tools/course.py

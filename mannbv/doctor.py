@@ -45,7 +45,11 @@ def python() -> Iterator[Finding]:
     if SpecifierSet(wanted).contains(version):
         yield Finding("ok", f"Python {version}")
     else:
-        yield Finding("wrong", f"Python {version}, where {wanted} is needed", "make PYTHON=/path/to/python3.11 setup")
+        yield Finding(
+            "wrong",
+            f"Python {version}, where {wanted} is needed",
+            "rm -r .venv, then make PYTHON=/path/to/python3.11 setup",
+        )
 
 
 def packages() -> Iterator[Finding]:
@@ -258,7 +262,7 @@ def scenes() -> Iterator[Finding]:
     if names:
         yield Finding("ok", f"bundled scenes: {', '.join(names)}")
     else:
-        yield Finding("wrong", "no bundled scene is found", "make setup")
+        yield Finding("wrong", "no bundled scene is found", "restore data/ from the repository, or reinstall mannbv")
 
 
 def figure() -> Iterator[Finding]:
@@ -284,7 +288,11 @@ def examine(checks: Sequence[Check]) -> Iterator[Finding]:
             yield from check()
         except Exception as error:
             why = f"{type(error).__name__}: {error}".splitlines()[0]
-            yield Finding("wrong", f"{check.__name__} stops with {why}", "make setup, or reinstall what it names")
+            yield Finding(
+                "wrong",
+                f"{check.__name__} stops with {why}",
+                "rm -r .venv, then make setup; or reinstall what it names",
+            )
 
 
 def tell(names: Sequence[str]) -> None:
@@ -316,7 +324,9 @@ def examine_apart(checks: Sequence[Check]) -> Iterator[Finding]:
                     yield Finding(**said)
         if not end:
             return
-        yield Finding("wrong", f"{names[0]}: the interpreter {end}", "make clean setup, or reinstall torch and numba")
+        yield Finding(
+            "wrong", f"{names[0]}: the interpreter {end}", "rm -r .venv, then make setup; or reinstall torch and numba"
+        )
         names = names[1:]
 
 

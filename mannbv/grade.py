@@ -11,6 +11,7 @@ Students' code runs with the rights of whoever grades. Grade in a container, or 
 import ast
 import contextlib
 import csv
+import functools
 import hashlib
 import io
 import json
@@ -86,8 +87,8 @@ def grade(
 
     limit: what a copy may take in all [s]. tell: is told a line on each copy, as soon as it is graded. The second
     number counts the copies left alone, graded before with the same content. `out` is replaced whole after every copy,
-    so that an interruption loses no more than the copy under way. Raises ValueError for a limit, folder or table that
-    cannot be.
+    so that an interruption loses no more than the copy under way. Its rows go by the
+    copies' paths, so name the folder alike each time. Raises ValueError for a limit, folder or table that cannot be.
     """
     if not 0 < limit < float("inf"):
         raise ValueError(f"grade: --limit must be a positive number of seconds, got {limit:g}")
@@ -132,7 +133,7 @@ def grade_copy(path: Path, known: Sequence[Lesson], course: Path, limit: float, 
         return [row(says="no notebook of this course: neither its cells, its title nor its name is known")]
     if not lesson.exercises:
         return [row(lesson.name, says=f"{lesson.title.lstrip('# ')}: a page without exercises, nothing to grade")]
-    digest = hashlib.sha256(raw + repr(lesson.exercises).encode()).hexdigest()
+    digest = hashlib.sha256(raw + repr(lesson.exercises).encode() + _checkers()).hexdigest()
     longer = [old for old in before if old["says"].startswith(LATE) and not old["says"].endswith(_may_take(limit))]
     if before and not longer and all(old["sha256"] == digest for old in before):
         return before
@@ -141,6 +142,12 @@ def grade_copy(path: Path, known: Sequence[Lesson], course: Path, limit: float, 
         row(lesson.name, exercise.names[0], passed, says, f"{seconds:.1f}", raised, digest)
         for exercise, (passed, says) in zip(lesson.exercises, verdicts, strict=True)
     ]
+
+
+@functools.cache
+def _checkers() -> bytes:
+    """What decides, beside the notebooks: a mended checker grades anew."""
+    return b"".join(path.read_bytes() for path in sorted((Path(__file__).parent / "check").glob("*.py")))
 
 
 def recognise(cells: list[dict], path: Path, known: Iterable[Lesson]) -> Lesson | None:

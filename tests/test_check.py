@@ -80,3 +80,10 @@ def test_a_gap_of_ones_own_is_spoken_with_the_case(capsys):
         lambda x: 4.0, triple, [(1.0,)], gap=lambda case, answer, wanted: f"{answer - wanted:g} off"
     )
     assert capsys.readouterr().out == "1 off for x = 1\n"
+
+
+def test_an_answer_that_writes_into_its_input_is_judged_by_what_was_asked(capsys):
+    cases = [(np.array([1.0, 2.0]),), (torch.tensor([3.0, 4.0]),)]
+    assert not check.compare(lambda x: x.__imul__(0), lambda x: 2 * x, cases)  # else the truth would be 0 too
+    assert check.compare(lambda x: x.__imul__(2), lambda x: 2 * x, cases)
+    assert capsys.readouterr().out.endswith("agrees with the library\n")

@@ -381,3 +381,24 @@ def test_a_profile_of_nothing_is_zero(dim):
     profile = information.yaw_profile(SplatMap.empty(dim), camera_for(dim, 8), [0.0] * dim, none)
     assert not profile.gains.any()
     assert profile.slope_at(0.3) == 0.0
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_prior_of_other_columns_and_negative_weights_are_refused(dim, rng, unchecked):
+    splats, camera = random_map(rng, 12, dim, torch.float32), camera_for(dim, 16)
+    for columns in (1, 8):
+        with pytest.raises(ValueError, match="needs a prior of"):
+            information.yaw_profile(splats, camera, torch.zeros(dim), torch.zeros(12, columns), damping=1.0)
+    prior = torch.zeros(12, information.n_parameters(dim))
+    with pytest.raises(ValueError, match="weights must not be negative, got -1"):
+        information.yaw_profile(splats, camera, torch.zeros(dim), prior, weights=-torch.ones(12))
+    with pytest.raises(ValueError, match="sigma_color and sigma_depth must be positive"):
+        information.yaw_profile(splats, camera, torch.zeros(dim), prior, sigma_color=0.0)
+
+
+def test_a_slope_is_a_slope_without_gradients_too(rng):
+    splats, camera = random_map(rng, 12, 2), camera_for(2, 16)
+    told = information.gain_and_slope(splats, camera, torch.zeros(2), 0.3, torch.zeros(12, 9))
+    with torch.no_grad():
+        assert information.gain_and_slope(splats, camera, torch.zeros(2), 0.3, torch.zeros(12, 9)) == told
+    assert told[1] != 0

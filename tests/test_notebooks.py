@@ -39,7 +39,7 @@ MAX_BYTES = 500_000
 
 # what a bare hosted runtime brings along, and what only a computer of one's own needs
 HOSTED = {"numpy", "scipy", "torch", "numba", "matplotlib", "networkx", "pillow", "pyyaml", "tqdm", "ipywidgets"}
-HOSTED |= {"nbformat", "nbclient", "packaging", "traitlets"}
+HOSTED |= {"contourpy", "nbformat", "nbclient", "packaging", "traitlets"}
 AT_HOME = {"jupyterlab", "nbval"}
 
 everywhere = pytest.mark.parametrize("path", PATHS, ids=STEMS)

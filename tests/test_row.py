@@ -131,3 +131,11 @@ def test_occluders_hide_but_gain_nothing(rng):
     views = information.yaw_profile(splats, camera, spot, prior, others=others, method="views", n_yaws=90)
     at = np.array([profile.gain_at(yaw) for yaw in views.yaws])
     assert np.median(np.abs(at - views.gains) / views.gains) < 0.03
+
+
+@pytest.mark.parametrize(("field", "value", "message"), [(0, math.nan, "means hold nan"), (1, 400.0, "e\\^400 m")])
+def test_what_the_kernel_must_not_see_is_refused(field, value, message, rng):
+    parts = [part.clone() for part in random_map(rng, 9, 2, torch.float32).tensors()]
+    parts[field].view(-1)[5] = value
+    with pytest.raises(ValueError, match=message):
+        render.render(SplatMap(*parts), Camera.from_fov(8), geometry.yaw_pose(torch.zeros(2), 0.0))

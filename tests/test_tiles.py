@@ -171,7 +171,27 @@ def test_auto_draws_with_the_kernel_where_it_applies_and_with_the_twin_elsewhere
     assert render.engine("auto", cast(splats, torch.float32), pose.position) is tiles
     assert render.engine("auto", splats, pose.position) is None  # float64
     assert render.engine("auto", cast(splats, torch.float32), pose.position.requires_grad_()) is None
-    with pytest.raises(ValueError, match="the kernel serves maps in float32"):
+    with pytest.raises(ValueError, match="the kernel serves float32"):
         render.render(splats, camera, pose, "tiled")
     with pytest.warns(UserWarning, match=r"this map is on meta: the dense twin draws it"):  # any device but the CPU
         assert render.engine("tiled", cast(splats, torch.float32).to("meta")) is None
+
+
+def test_a_rotation_of_no_length_is_refused(rng):
+    means, log_scales, rotations, *rest = cast(scene("plain", rng), torch.float32).tensors()
+    rotations = rotations.clone()
+    rotations[3] = 0.0
+    with pytest.raises(ValueError, match="rotations hold one of no length"):
+        render.render(SplatMap(means, log_scales, rotations, *rest), Camera.from_fov(8, 8), random_pose(rng, 3))
+
+
+def test_what_the_kernel_cannot_differentiate_is_an_error_and_no_wrong_number(rng):
+    leaves = [part.requires_grad_() for part in cast(scene("plain", rng), torch.float32).tensors()]
+    drawn = render.render(SplatMap(*leaves), Camera.from_fov(20, 16), random_pose(rng, 3), "tiled")
+    (slope,) = torch.autograd.grad(drawn.color.sum(), leaves[2], create_graph=True)
+    with pytest.raises(RuntimeError, match="does not require grad"):
+        slope.square().sum().backward()
+    with torch.no_grad():
+        leaves[0].add_(0.3)  # the kernel's arrays are these very numbers
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        drawn.depth.sum().backward()

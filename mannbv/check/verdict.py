@@ -1,6 +1,7 @@
 """How a checker looks at an answer and what it says."""
 
 import contextlib
+import copy
 import inspect
 import io
 from collections.abc import Callable, Sequence
@@ -34,7 +35,7 @@ def compare(
     answers = []
     for case, place in zip(cases, places, strict=True):
         try:
-            answers.append(_plain(ask(mine, *case, place=place)))
+            answers.append(_plain(ask(mine, *map(_own, case), place=place)))
         except Fault as fault:
             return say(f"it returns nothing {place}" if answers and str(fault).startswith(TO_DO) else str(fault))
     wanted = [_plain(truth(*case)) for case in cases]
@@ -51,6 +52,12 @@ def compare(
         if not np.allclose(answer, value, rtol, atol):
             return say(f"{gap(case, answer, value) if gap else _gap(answer, value)} {place}")
     return False
+
+
+def _own(value):
+    """A copy of what an answer could write into: the truth is asked about the same case afterwards."""
+    mutable = isinstance(value, list | dict | np.ndarray) or hasattr(value, "detach")
+    return copy.deepcopy(value) if mutable else value
 
 
 def ask(mine: Callable, *case, place: str = ""):

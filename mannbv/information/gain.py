@@ -43,6 +43,8 @@ def _value_of(prior: Tensor, weights, selected) -> Tensor:
     """v of every splat (n,), zero outside the selection."""
     value = torch.ones(len(prior)).to(prior) if weights is None else torch.as_tensor(weights).to(prior)
     _check_rows("weights", value, prior)
+    if bool((value < 0).any()):
+        raise ValueError(f"gain: weights must not be negative, got {value.min():g}")
     if selected is None:
         return value
     selected = torch.as_tensor(selected, device=prior.device)
@@ -116,6 +118,7 @@ def view_gain(splat_map: SplatMap, camera: Camera, pose: Pose, prior: Tensor, ot
     return gain(look(splat_map, camera, pose, others, **(noise or {})), prior, **options)
 
 
+@torch.enable_grad()
 def gain_and_slope(
     splat_map: SplatMap, camera: Camera, position, yaw: float, prior: Tensor, others=None, noise=None, **options
 ):

@@ -13,6 +13,7 @@ from mannbv import geometry, render, splats
 from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.geometry import Pose
+from mannbv.information.fisher import n_parameters
 from mannbv.information.gain import view_gain, worth_of
 from mannbv.render import panorama
 from mannbv.splats import SplatMap
@@ -32,6 +33,7 @@ class YawProfile:
     def gain_at(self, yaw: float) -> float:
         return self.evaluate(yaw)[0]
 
+    @torch.enable_grad()
     def slope_at(self, yaw: float) -> float:
         """Derivative of the gain [1/rad]."""
         return self.evaluate(yaw)[1]
@@ -92,6 +94,12 @@ def yaw_profile(
     if method == "panorama" and not served:
         steepest = math.degrees(panorama.STEEPEST)
         raise ValueError(f"yaw_profile: a panorama ends {steepest:.0f}° above and below the horizon; use views")
+    p = n_parameters(splat_map.dim)
+    if not (sigma_color > 0 and sigma_depth > 0):
+        raise ValueError(f"yaw_profile: sigma_color and sigma_depth must be positive, got {sigma_color}, {sigma_depth}")
+    if prior.shape[1:] != (p,) and (prior.shape[1:] != (p, p) or (served and method != "views")):
+        text = f"yaw_profile: needs a prior of {p} columns, got {tuple(prior.shape)}; for blocks use method='views'"
+        raise ValueError(text)
     if len(prior) != splat_map.n_splats or n_yaws < 1:
         rows = f"{len(prior)} rows of prior for {splat_map.n_splats} splats"
         raise ValueError(f"yaw_profile: needs a row a splat and at least one yaw, got {rows} and {n_yaws} yaws")

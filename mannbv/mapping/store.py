@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -44,6 +45,12 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> LocalMap:
     for part in (ids, prior, *(moments.tensors() if moments else ())):
         if len(part) != splat_map.n_splats:
             raise ValueError(f"{len(part)} rows beside {splat_map.n_splats} splats")
+    for name, part in zip(_SPLATS, splat_map.tensors(), strict=True):
+        if not bool(torch.isfinite(part).all()):
+            raise ValueError(f"{name} hold nan or infinity")
+    width = sum(part.shape[1:].numel() for part in splat_map.tensors())
+    if moments and not moments.first.shape == moments.second.shape == (splat_map.n_splats, width):
+        raise ValueError(f"moments of {tuple(moments.first.shape)} beside splats of {width} numbers")
     if f"keyframe_{_FRAME[0]}" in arrays:
         parts = zip(*(tensor(f"keyframe_{name}") for name in _FRAME), strict=True)
         keyframes = tuple(Frame(color, depth, Pose(turn, place)) for color, depth, turn, place in parts)
@@ -69,6 +76,6 @@ def load(path) -> LocalMap:
             raise zipfile.BadZipFile("no .npz archive, or cut short")
         with np.load(path, allow_pickle=False) as archive:
             return from_arrays(archive)
-    except (zipfile.BadZipFile, OSError, EOFError, KeyError, TypeError, ValueError) as error:
+    except (zipfile.BadZipFile, zlib.error, MemoryError, OSError, EOFError, KeyError, TypeError, ValueError) as error:
         fault = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise FormatError(f"{path}: not a whole local map ({fault}); map again from the frames") from None

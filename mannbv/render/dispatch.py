@@ -2,6 +2,7 @@
 
 import warnings
 
+import torch
 from torch import Tensor
 
 from mannbv.camera import Camera
@@ -27,19 +28,21 @@ def engine(method: str, splat_map: SplatMap, *others: Tensor):
         text = f"render: the kernel runs on the CPU, this map is on {device}: the dense twin draws it"
         warnings.warn(text, stacklevel=3)
     elif method == "tiled" and fitting is None:
-        raise ValueError("render: the kernel serves maps in float32 on the CPU, without gradients in the pose")
+        raise ValueError(
+            "render: the kernel serves float32 on the CPU; for gradients in the pose, or of information, use dense"
+        )
     return None if method == "dense" else fitting
 
 
 def render(splat_map: SplatMap, camera: Camera, pose: Pose, method: str = "auto") -> Rendering:
     """Draw a map: C_p = Σ c_i ρ_i Π_{j<i} (1 − ρ_j), Eq. (1), and likewise depth [m] and opacity.
 
-    Differentiable in the map. method: "dense", the reference, which is also differentiable in the pose and twice;
+    Differentiable in the map. method: "dense", the reference, also differentiable in the pose, and twice;
     "tiled", the kernel, which drops blends under 1/255 and ends a pixel at transmittance 1e-4; "auto", the kernel
     where it applies. Raises ValueError if map, camera and pose disagree about the dimension.
     """
     dense.check(splat_map, camera, pose)
-    kernel = engine(method, splat_map, pose.rotation, pose.position)
+    kernel = engine(method, splat_map, *((pose.rotation, pose.position) if torch.is_grad_enabled() else ()))
     if kernel is None:
         return dense.render(splat_map, camera, pose)
     image = kernel.render(splat_map, camera, pose)

@@ -4,11 +4,12 @@ The dense reference is its twin; blends under 1/255 are dropped and a pixel ends
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from mannbv import geometry
 from mannbv.camera import EDGE, LOW_PASS, NEAR, Camera
@@ -18,6 +19,25 @@ from mannbv.kernels import row
 from mannbv.splats import SplatMap
 
 CUTOFF, FLOOR = 1 / 255, 1e-4
+_FIELDS = [field.name for field in fields(SplatMap)]
+MAX_MEAN, MAX_LOG_SCALE = 1e12, 14.0  # [m], and e¹⁴ m are a thousand kilometres
+
+
+def refuse(splat_map: SplatMap) -> None:
+    """Raises ValueError for what the kernel, compiled for numbers of reasonable size, must not see."""
+    for name, part in zip(_FIELDS, splat_map.tensors(), strict=True):
+        part = part.detach()
+        if not (math.isfinite(part.sum()) or bool(torch.isfinite(part).all())):  # the sum is the quicker look
+            raise ValueError(f"render: {name} hold nan or infinity; drop those splats with select(torch.isfinite(…))")
+    turns = splat_map.rotations.detach().to(torch.float32).square().sum(1)
+    if not bool(((turns > 1e-30) & (turns < 1e30)).all()):
+        raise ValueError("render: rotations hold one of no length, or of none that fits a float; normalise them")
+    farthest = float(splat_map.means.detach().abs().max()) if splat_map.n_splats else 0.0
+    if farthest > MAX_MEAN:
+        raise ValueError(f"render: a splat at {farthest:.0e} m; means are metres")
+    widest = float(splat_map.log_scales.detach().max()) if splat_map.n_splats else 0.0
+    if widest > MAX_LOG_SCALE:
+        raise ValueError(f"render: a splat of e^{widest:.0f} m; log_scales are logarithms of metres")
 
 
 @dataclass(frozen=True)
@@ -45,6 +65,7 @@ def serves(splat_map: SplatMap, *others: Tensor) -> bool:
 
 def project(splat_map: SplatMap, camera: Camera, pose: Pose, around: bool = False) -> Row:
     """Project a flatland map for the kernel; `around`: in all directions, u = focal · angle, without low pass."""
+    refuse(splat_map)
     parts = [t.detach().double().cpu().numpy() for t in splat_map.tensors()]
     rotation, position = pose.rotation.detach().double().cpu().numpy(), pose.position.detach().double().cpu().numpy()
     limit, low_pass = EDGE * camera.width / 2 / camera.focal, 0.0 if around else LOW_PASS
@@ -68,6 +89,7 @@ class _Render(torch.autograd.Function):
         return torch.from_numpy(image).to(means)
 
     @staticmethod
+    @once_differentiable
     def backward(ctx, slopes):
         seen, values, image, width, cutoff, floor = ctx.kept
         means, log_scales, rotations, logits, colors = ctx.saved_tensors

@@ -3,22 +3,19 @@
 The dense reference is its twin. Blends under the cut-off 1/255 are dropped and a pixel ends at transmittance 1e-4.
 """
 
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from mannbv.camera import EDGE, LOW_PASS, NEAR, Camera
 from mannbv.geometry import Pose
 from mannbv.kernels import blend, gather, space, tiles
 from mannbv.kernels import gram as grams
-from mannbv.render.row import CUTOFF, FLOOR
+from mannbv.render.row import CUTOFF, FLOOR, refuse
 from mannbv.splats import SplatMap
-
-_FIELDS = [field.name for field in fields(SplatMap)]
-MAX_LOG_SCALE = 14.0  # e¹⁴ m are a thousand kilometres
 
 
 @dataclass(frozen=True)
@@ -49,17 +46,6 @@ def serves(splat_map: SplatMap, *others: Tensor) -> bool:
 def array(tensor: Tensor, like: Tensor) -> np.ndarray:
     """The numbers of a tensor, in the precision of another and without holes, for a kernel."""
     return np.ascontiguousarray(tensor.detach().to(like).numpy())
-
-
-def refuse(splat_map: SplatMap) -> None:
-    """Raises ValueError for what the kernel, compiled for finite numbers, must not see."""
-    for name, part in zip(_FIELDS, splat_map.tensors(), strict=True):
-        part = part.detach()
-        if not (math.isfinite(part.sum()) or bool(torch.isfinite(part).all())):  # the sum is the quicker look
-            raise ValueError(f"render: {name} hold nan or infinity; drop those splats with select(torch.isfinite(…))")
-    widest = float(splat_map.log_scales.detach().max()) if splat_map.n_splats else 0.0
-    if widest > MAX_LOG_SCALE:
-        raise ValueError(f"render: a splat of e^{widest:.0f} m; log_scales are logarithms of metres")
 
 
 def sort(splat_map: SplatMap, camera: Camera, pose: Pose, cutoff: float = CUTOFF) -> Sorted:
@@ -111,14 +97,16 @@ class _Render(torch.autograd.Function):
         image, full, spans = blend.composite(
             seen.splats, values, seen.pairs, seen.tiles, seen.order, camera.width, camera.height, floor
         )
-        ctx.save_for_backward(rotations)
+        ctx.save_for_backward(rotations, means, log_scales, logits, colors)  # the kernel reads their memory
         ctx.kept = seen, values, full, spans, image, floor
         shown = image.copy()
         shown[-1] = 1 - shown[-1]
         return torch.from_numpy(shown)
 
     @staticmethod
+    @once_differentiable
     def backward(ctx, slopes):
+        rotations, *_ = ctx.saved_tensors  # raises if one was changed in place since
         seen, values, full, spans, image, floor = ctx.kept
         slopes = np.ascontiguousarray(slopes.numpy())
         sums = blend.backward(
@@ -126,7 +114,7 @@ class _Render(torch.autograd.Function):
         )
         grads = torch.from_numpy(gather.gradient(sums, seen.places, seen.starts, seen.index, seen.splats, *seen.parts))
         mean, scale, turn, logit, color = grads.split([3, 3, 3, 1, 3], 1)
-        return mean, scale, _quaternion_slope(*ctx.saved_tensors, turn), logit[:, 0], color, None, None, None, None
+        return mean, scale, _quaternion_slope(rotations, turn), logit[:, 0], color, None, None, None, None
 
 
 def _quaternion_slope(quaternions: Tensor, turn: Tensor) -> Tensor:

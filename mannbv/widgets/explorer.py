@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 import ipywidgets
 
 from mannbv.widgets.canvas import Canvas
+from mannbv.widgets.settings import Choice
 
 _CAPTION = {"min_height": "1.6em", "margin": "4px 0 0 4px"}
 
@@ -35,10 +36,13 @@ class Explorer(ipywidgets.VBox):
         super().__init__([row, self.canvas, self.says])
 
     def move(self, **values) -> None:
-        """Set some settings, as a hand would. Raises ValueError for one that this explorer does not have."""
+        """Set some settings, as a hand would. Raises ValueError for one that is not here, or no option."""
         unknown = values.keys() - self.values.keys()
         if unknown:
             raise ValueError(f"no setting {', '.join(sorted(unknown))} here; there are {', '.join(self.values)}")
+        for name, value in values.items():
+            if isinstance(self.settings[name], Choice) and value not in self.settings[name].sweep():
+                raise ValueError(f"{name}: {value!r} is none of {self.settings[name].sweep()}")
         changed = any(self.values[name] != value for name, value in values.items())
         self.values |= values
         for name in values.keys() & self.controls.keys():

@@ -25,6 +25,8 @@ class Film:
     def __init__(self, given, place=None):
         records = [episode.load(given)] if isinstance(given, (str, os.PathLike)) else given
         records = list(records) if isinstance(records, Sequence) else [records]
+        if not records:
+            raise ValueError("player: no record in the list; run the episode for a cycle first")
         self.last = records[-1]
         self.cycles = self.last.cycles
         if not self.cycles:

@@ -67,7 +67,8 @@ def _picture(film: Film, cycle, robot, layer, chart, probe):
     says += f" and {told['guests']} of others" if told["guests"] else ""
     if told["path"]:
         chosen, alone = (round(math.degrees(told[yaw])) for yaw in ("chosen", "announced"))
-        says += f"; α on its way {film.way_risk(number, robot):.2f} m; looks along {chosen}°, alone {alone}°"
+        whose = "" if film.kept else " on its last map"
+        says += f"; α on its way {film.way_risk(number, robot):.2f} m{whose}; looks along {chosen}°, alone {alone}°"
     return panels, f"{says}; probe: α {alpha:.2f} m, true distance {clear:.2f} m"
 
 

@@ -6,8 +6,13 @@ from dataclasses import dataclass
 
 import ipywidgets
 import numpy as np
+import traitlets
 
 _LOOK = {"style": {"description_width": "initial"}}
+
+
+class _Play(ipywidgets.Play):
+    value = traitlets.CFloat(0.0).tag(sync=True)  # a whole one would pull a scrubbed slider back
 
 
 @dataclass(frozen=True)
@@ -38,7 +43,7 @@ class Range:
 
     def button(self) -> ipywidgets.Widget | None:
         """The play button, to be linked with the slider."""
-        return self.play and ipywidgets.Play(value=self.value, min=self.low, max=self.high, interval=self.play)
+        return self.play and _Play(value=self.value, min=self.low, max=self.high, interval=self.play)
 
     def slid(self, along: float) -> int | float:
         """The value when a handle was slid to `along`."""
