@@ -126,13 +126,18 @@ def move(box, times: int = 8) -> float:
         handle = box.locator("xpath=ancestor::*[contains(@class, 'widget-vbox')][1]").locator(".noUi-handle")
     handle = handle.first
     handle.focus()
-    return changed(box, [lambda key=key: handle.press(f"Arrow{key}") for key in ("Right", "Left") * (times // 2)])
+    return changed(box, [lambda key=key: handle.press(f"Arrow{key}") for key in ("Right", "Left") * times][:times])
+
+
+def middle(box) -> tuple[float, float]:
+    """Where an explorer's first handle lies on the page [px]."""
+    place = box.locator("[data-handle]").first.bounding_box()
+    return place["x"] + place["width"] / 2, place["y"] + place["height"] / 2
 
 
 def drag(page, box, steps: int = 8) -> float:
     """Drag an explorer's first handle by the mouse; gives the median [ms] a step."""
-    place = box.locator("[data-handle]").first.bounding_box()
-    x, y = place["x"] + place["width"] / 2, place["y"] + place["height"] / 2
+    x, y = middle(box)
     page.mouse.move(x, y)
     page.mouse.down()
     taken = changed(box, [lambda k=k: page.mouse.move(x + 5 * k, y + 3 * k) for k in range(1, steps + 1)])

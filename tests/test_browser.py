@@ -42,8 +42,11 @@ def lab(tmp_path_factory):
 @pytest.mark.parametrize("name", TAUGHT)
 def test_in_jupyterlab_an_explorer_is_moved_and_its_picture_changes(name, lab, page):
     browser.open_lab(page, lab, name, explorers(name)[0])
-    for box in browser.boxes(page):
-        print(f"{browser.move(box):.0f} ms a step")
+    found = browser.boxes(page)
+    assert len(found) == 1
+    before = browser.pixels(found[0])
+    print(f"{browser.move(found[0], 7):.0f} ms a step")  # to the right once more than back
+    assert browser.pixels(found[0]) != before
 
 
 def test_under_voila_all_explorers_stand_on_one_page_without_code_and_move(tmp_path, page):
@@ -60,7 +63,9 @@ def test_a_handle_is_dragged_by_the_mouse(tmp_path, page):
         page.goto(address)
         page.wait_for_selector(browser.BOX, timeout=1000 * browser.RUN)
         box = browser.boxes(page)[0]
+        start = browser.middle(box)
         print(f"{browser.drag(page, box):.0f} ms a step")
+        assert browser.middle(box) == pytest.approx((start[0] + 40, start[1] + 24), abs=3)
 
 
 def test_a_picture_that_does_not_change_is_noticed(page):

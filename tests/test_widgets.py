@@ -66,7 +66,7 @@ def test_every_setting_over_its_whole_range(name, explorer_of):
     explorer = explorer_of(name)
     for setting, kind in explorer.settings.items():
         for value in kind.sweep():
-            look(explorer, **{setting: value})
+            assert look(explorer, **{setting: value}), f"{setting} = {value}: an empty canvas"
 
 
 @pytest.mark.parametrize("name", EXPLORERS)
@@ -77,7 +77,7 @@ def test_settings_in_any_combination(name, explorer_of, rng):
         for setting, kind in explorer.settings.items():
             sweep = kind.sweep()
             values[setting] = sweep[rng.integers(len(sweep))]
-        look(explorer, **values)
+        assert look(explorer, **values), f"{values}: an empty canvas"
 
 
 @pytest.mark.parametrize("name", EXPLORERS)

@@ -21,7 +21,7 @@ MOMENTS = 15 + TERMS + 1  # of a pair: energy by p and q to the fourth order, cr
 
 
 @njit(**KERNEL)
-def _centers(like):
+def tile_centers(like):
     """Pixel centres of a tile from its corner, (2, PIXELS) [px]."""
     centers = np.empty((2, PIXELS), like.dtype)
     for k in range(PIXELS):
@@ -85,7 +85,7 @@ def composite(splats, values, pairs, tiles, order, width, height, floor):
         sheet = np.empty((CHANNELS + 1, PIXELS), splats.dtype)
         left, top = splats.dtype.type(column), splats.dtype.type(row)
         full[tile] = _composite(
-            splats, values, pairs, tiles[tile], tiles[tile + 1], left, top, _centers(splats), floor, spans, sheet
+            splats, values, pairs, tiles[tile], tiles[tile + 1], left, top, tile_centers(splats), floor, spans, sheet
         )
         for y in range(min(TILE, height - row)):
             for x in range(min(TILE, width - column)):
@@ -95,7 +95,7 @@ def composite(splats, values, pairs, tiles, order, width, height, floor):
 
 
 @njit(**KERNEL)
-def _load(picture, row, column, sheet):
+def load_tile(picture, row, column, sheet):
     """Copy a tile of a picture (c, height, width) to a sheet (c, PIXELS); beyond the border stands 0."""
     channels, height, width = picture.shape
     for channel in range(channels):
@@ -104,6 +104,13 @@ def _load(picture, row, column, sheet):
         for y in range(min(TILE, height - row)):
             for x in range(min(TILE, width - column)):
                 sheet[channel, y * TILE + x] = picture[channel, row + y, column + x]
+
+
+@njit(**KERNEL)
+def light_tile(height, width, row, column, state):
+    """Fill state (PIXELS,) with the transmittance before the first splat: 1 in the image, 0 beyond its border."""
+    for k in range(PIXELS):
+        state[k] = row + k // TILE < height and column + k % TILE < width
 
 
 @njit(**PARALLEL)
@@ -116,11 +123,11 @@ def backward(splats, values, pairs, tiles, full, spans, order, image, slopes, fl
     for turn in prange(len(order)):
         tile = order[turn]
         row, column = TILE * (tile // across), TILE * (tile % across)
-        left, top, centers = F(column), F(row), _centers(splats)
+        left, top, centers = F(column), F(row), tile_centers(splats)
         slope, seen = np.empty((CHANNELS + 1, PIXELS), splats.dtype), np.empty((CHANNELS + 1, PIXELS), splats.dtype)
         state = np.zeros((2, PIXELS), splats.dtype)  # transmittance; what this and later splats bring, times the slopes
-        _load(slopes, row, column, slope)
-        _load(image, row, column, seen)
+        load_tile(slopes, row, column, slope)
+        load_tile(image, row, column, seen)
         for y in range(min(TILE, height - row)):
             for x in range(min(TILE, width - column)):
                 k = y * TILE + x
@@ -181,12 +188,10 @@ def moments(splats, values, pairs, tiles, full, spans, order, image, counts, flo
     for turn in prange(len(order)):
         tile = order[turn]
         row, column = TILE * (tile // across), TILE * (tile % across)
-        left, top, centers = F(column), F(row), _centers(splats)
-        behind, state = np.empty((CHANNELS + 1, PIXELS), splats.dtype), np.zeros(PIXELS, splats.dtype)
-        _load(image, row, column, behind)
-        for y in range(min(TILE, height - row)):
-            for x in range(min(TILE, width - column)):
-                state[y * TILE + x] = F(1)
+        left, top, centers = F(column), F(row), tile_centers(splats)
+        behind, state = np.empty((CHANNELS + 1, PIXELS), splats.dtype), np.empty(PIXELS, splats.dtype)
+        load_tile(image, row, column, behind)
+        light_tile(height, width, row, column, state)
         for pair in range(tiles[tile], full[tile]):
             s = pairs[pair]
             u, v = splats[s, U] - left, splats[s, V] - top

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit, prange
 
 from mannbv.kernels.arithmetic import KERNEL, PARALLEL, exp2
-from mannbv.kernels.blend import CHANNELS, MOMENTS, PIXELS, _centers, _load
+from mannbv.kernels.blend import CHANNELS, MOMENTS, PIXELS, light_tile, load_tile, tile_centers
 from mannbv.kernels.gather import SHAPE
 from mannbv.kernels.row import MAX_BLEND, _span, composite
 from mannbv.kernels.space import CHUNKS, LOG_OPACITY, LXX, LXY, LYY, REACH, TERMS, U, V, response, workspace
@@ -28,12 +28,10 @@ def crosses(splats, values, pairs, tiles, full, spans, order, image, counts, flo
     for turn in prange(len(order)):
         tile = order[turn]
         row, column = TILE * (tile // across), TILE * (tile % across)
-        left, top, centers = F(column), F(row), _centers(splats)
-        behind, state = np.empty((CHANNELS + 1, PIXELS), splats.dtype), np.zeros(PIXELS, splats.dtype)
-        _load(image, row, column, behind)
-        for y in range(min(TILE, height - row)):
-            for x in range(min(TILE, width - column)):
-                state[y * TILE + x] = F(1)
+        left, top, centers = F(column), F(row), tile_centers(splats)
+        behind, state = np.empty((CHANNELS + 1, PIXELS), splats.dtype), np.empty(PIXELS, splats.dtype)
+        load_tile(image, row, column, behind)
+        light_tile(height, width, row, column, state)
         for pair in range(tiles[tile], full[tile]):
             s = pairs[pair]
             u, v = splats[s, U] - left, splats[s, V] - top

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit, prange
 
 from mannbv.kernels.arithmetic import KERNEL, PARALLEL, exp2
-from mannbv.kernels.blend import GROUP, PIXELS
+from mannbv.kernels.blend import GROUP, PIXELS, tile_centers
 from mannbv.kernels.gather import GRAM, SHAPE
 from mannbv.kernels.row import MAX_BLEND
 from mannbv.kernels.space import (
@@ -194,10 +194,7 @@ def densities(splats, base, values, table, pairs, tiles, order, columns, height,
     for turn in prange(len(order)):
         tile = order[turn]
         row, column = TILE * (tile // across), TILE * (tile % across)
-        left, top = F(column), F(row)
-        centers = np.empty((2, PIXELS), splats.dtype)
-        for k in range(PIXELS):
-            centers[0, k], centers[1, k] = k % TILE + 0.5, k // TILE + 0.5
+        left, top, centers = F(column), F(row), tile_centers(splats)
         behind, gain = np.zeros((CHANNELS, PIXELS), splats.dtype), np.zeros((QUANTITIES, PIXELS), splats.dtype)
         begin, end = tiles[tile], tiles[tile + 1]
         spans, through = np.empty((end - begin, 2), np.uint8), np.ones(PIXELS, splats.dtype)
