@@ -1,5 +1,6 @@
 """The true world of a flatland episode: what a camera sees of it, where a robot can go, where its surfaces are."""
 
+import dataclasses
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -30,6 +31,7 @@ class World:
     segments (s, 4): x0, y0, x1, y1 [m] of the surfaces. colors (s, 3) in [0, 1]. textures (s, 4): kind (a value of
     `TEXTURES`), period [m], contrast, phase [m]. starts (k, 3): x, y [m], yaw [rad]. goals (k, 2) [m].
     solids, rooms: what is filled by walls and furniture, and what lies inside the building (each with `contains`).
+    notes: what was guessed when the scene was read, a line each.
     """
 
     name: str
@@ -41,6 +43,7 @@ class World:
     goals: Float[np.ndarray, "g 2"]
     solids: object
     rooms: object
+    notes: tuple[str, ...] = ()
     _memo: dict = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self):
@@ -53,6 +56,16 @@ class World:
     @property
     def dim(self) -> int:
         return 2
+
+    def placed(self, starts=None, goals=None) -> "World":
+        """With other starts (k, 3) x, y [m], yaw [rad], or goals (k, 2) [m]."""
+        return dataclasses.replace(
+            self, starts=self.starts if starts is None else starts, goals=self.goals if goals is None else goals
+        )
+
+    def at_height(self, height) -> "World":
+        """Itself: a plane has no height."""
+        return self
 
     @property
     def lower(self) -> np.ndarray:
@@ -87,8 +100,7 @@ class World:
         """
         if camera.dim != self.dim or pose.dim != self.dim:
             raise ValueError(f"{self.name} is flatland: it needs a camera without height and a pose in the plane")
-        if (depth_noise > 0 or color_noise > 0) and rng is None:
-            raise ValueError("sense: noise needs a generator, pass rng=numpy.random.default_rng(seed)")
+        check_noise(depth_noise, color_noise, rng)
         fine = (np.arange(camera.width * SUBRAYS) + 0.5) / SUBRAYS
         slopes = (fine - camera.width / 2) / camera.focal
         rotation, origin = pose.rotation.detach().double().numpy(force=True), pose.position.detach().double()
@@ -96,12 +108,7 @@ class World:
         hits = rays.cast(self.segments, origin.numpy(force=True), right, forward, slopes)
         color = rays.shade(self.segments, self.colors, self.textures, hits[1], hits[2], SUBRAYS)
         depth = hits[0][SUBRAYS // 2 :: SUBRAYS]
-        depth = np.where(depth <= max_depth, depth, 0.0)
-        if depth_noise > 0:
-            depth = np.maximum(depth * (1 + depth_noise * rng.standard_normal(depth.shape)), 0.0)
-        if color_noise > 0:
-            color = np.clip(color + color_noise * rng.standard_normal(color.shape), 0.0, 1.0)
-        return _frame(color, depth, pose)
+        return frame(color, depth, pose, max_depth, depth_noise, color_noise, rng)
 
     def solid(self, points) -> np.ndarray:
         """Which points (k, ≥ 2) [m] lie inside a wall or a piece of furniture."""
@@ -124,7 +131,7 @@ class World:
         shape = tuple(int(n) for n in np.ceil((self.upper - self.lower) / _BIN + 1e-9) + 1)
         return self.lower, _BIN, shape, *rays.bins(self.segments, self.lower, _BIN, shape)
 
-    def surface_points(self, spacing=0.01) -> np.ndarray:
+    def surface_points(self, spacing=0.02) -> np.ndarray:
         """Points (n, 2) [m] on all surfaces that face the inside, no further than `spacing` [m] apart along each."""
         a, b = self.segments[:, :2], self.segments[:, 2:]
         counts = np.maximum(np.ceil(np.linalg.norm(b - a, axis=1) / spacing), 1).astype(int)
@@ -212,7 +219,19 @@ class World:
             self.shortest_path(self.starts[k], self.goals[k], radius, cell)
 
 
-def _frame(color: np.ndarray, depth: np.ndarray, pose: geometry.Pose) -> camera.Frame:
+def check_noise(depth_noise, color_noise, rng) -> None:
+    """Raises ValueError for noise without a generator."""
+    if (depth_noise > 0 or color_noise > 0) and rng is None:
+        raise ValueError("sense: noise needs a generator, pass rng=numpy.random.default_rng(seed)")
+
+
+def frame(color, depth, pose: geometry.Pose, max_depth, depth_noise, color_noise, rng) -> camera.Frame:
+    """What the sensor makes of true colours (…, 3) and depths (…) [m]: its range, its noise, single precision."""
+    depth = np.where(depth <= max_depth, depth, 0.0)
+    if depth_noise > 0:
+        depth = np.maximum(depth * (1 + depth_noise * rng.standard_normal(depth.shape)), 0.0)
+    if color_noise > 0:
+        color = np.clip(color + color_noise * rng.standard_normal(color.shape), 0.0, 1.0)
     return camera.Frame(torch.tensor(color, dtype=torch.float32), torch.tensor(depth, dtype=torch.float32), pose)
 
 

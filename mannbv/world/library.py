@@ -1,13 +1,16 @@
 """Scenes by name or by file."""
 
-import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from mannbv.world import plan, rosmap
+from mannbv.world import extrude, mesh, plan, pointnav, rosmap
 from mannbv.world.flat import SceneError, World
+from mannbv.world.space import Space
+
+
+Place = World | Space  # where an episode can happen
 
 
 @dataclass(frozen=True)
@@ -34,30 +37,44 @@ def scenes() -> list[Summary]:
     return sorted((Summary(p.name, p.description, p.area) for p in plans), key=lambda s: s.area)
 
 
-def load(scene, *, starts=None, goals=None) -> World:
-    """The world of a bundled scene (its name), a plan (`.json`) or a ROS map (`.yaml`, `.yml`).
+def load(
+    scene, *, dim: int | None = None, starts=None, goals=None, up=None, scale=None, floor=None, scenes_dir=None
+) -> Place:
+    """The world of a bundled scene (its name) or a plan (`.json`), flat or in 3-D; of a ROS map (`.yaml`, flat); of a
+    mesh (`.glb`, `.gltf`, `.obj`, `.ply`) or a Habitat PointNav file (`.json.gz`), in 3-D or the plan of its ground.
 
-    `starts` (k, 3) x, y [m], yaw [rad] and `goals` (k, 2) [m] replace those of the scene. Loading executes nothing.
+    dim: 2, 3, or None for what the file is made for. `starts` (k, 3) x, y [m], yaw [rad] and `goals` (k, 2) [m] replace
+    those of the scene. up ("y", "-z", …), scale [m a unit] and floor [m] overrule what is guessed of a mesh; scenes_dir:
+    where the scenes of PointNav episodes lie. Loading executes nothing.
     Raises SceneError, one line that names the file, the thing and the remedy.
     """
-    world = _load(Path(scene))
+    world = _load(Path(scene), dim, {"up": up, "scale": scale, "floor": floor}, scenes_dir)
     for name, places, width in (("starts", starts, 3), ("goals", goals, 2)):
         if places is None:
             continue
         places = np.atleast_2d(np.asarray(places, float))
         if places.ndim != 2 or places.shape[1] != width or not np.isfinite(places).all():
             raise SceneError(f"{world.name}: {name} must be rows of {width} finite numbers")
-        world = dataclasses.replace(world, **{name: places})
+        world = world.placed(**{name: places})
     return world
 
 
-def _load(path: Path) -> World:
-    suffix = path.suffix.lower()
-    if suffix == ".json":
-        return plan.load(path)
+def _load(path: Path, dim: int | None, overrule: dict, scenes_dir) -> Place:
+    suffix = ".json.gz" if path.name.lower().endswith(".json.gz") else path.suffix.lower()
+    if suffix in mesh.SUFFIXES or suffix == ".json.gz":
+        place = mesh.load(path, **overrule) if suffix != ".json.gz" else pointnav.load(path, scenes_dir, **overrule)
+        return place.ground if dim == 2 else place
+    given = [name for name, value in (overrule | {"scenes-dir": scenes_dir}).items() if value is not None]
+    if given:
+        raise SceneError(f"{path}: --{given[0]} is for meshes and PointNav files; leave it out")
     if suffix in (".yaml", ".yml"):
+        if dim == 3:
+            raise SceneError(f"{path}: a ROS map tells no heights; use --dim 2, or give a mesh")
         return rosmap.load(path)
-    names = ", ".join(scene.name for scene in scenes())
-    if suffix or len(path.parts) != 1 or not (folder() / f"{path.name}.json").is_file():
-        raise SceneError(f"{path}: no such scene; give one of {names}, a plan (.json) or a ROS map (.yaml)")
-    return plan.load(folder() / f"{path.name}.json")
+    if suffix != ".json":
+        names = ", ".join(scene.name for scene in scenes())
+        known = f"give one of {names}, a plan (.json), a ROS map (.yaml), a mesh ({', '.join(mesh.SUFFIXES)})"
+        if suffix or len(path.parts) != 1 or not (folder() / f"{path.name}.json").is_file():
+            raise SceneError(f"{path}: no such scene; {known}, or PointNav episodes (.json.gz)")
+        path = folder() / f"{path.name}.json"
+    return extrude.load(path) if dim == 3 else plan.load(path)

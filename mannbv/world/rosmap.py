@@ -17,18 +17,15 @@ from pathlib import Path
 import numpy as np
 import yaml
 from PIL import Image
-from scipy import ndimage
 
 from mannbv import grid
-from mannbv.kernels import rays
-from mannbv.world import bodies, places
-from mannbv.world.flat import TEXTURES, SceneError, World
+from mannbv.world import cells
+from mannbv.world.cells import cell_edges as cell_edges
+from mannbv.world.flat import SceneError, World
 
 MODES = ("trinary", "scale", "raw")
 THRESHOLDS = {"occupied_thresh": 0.65, "free_thresh": 0.196}  # where a file gives none
 MOST_PIXELS = 30_000_000
-TEXTURE = (float(TEXTURES["noise"]), 0.7, 0.5, 0.0)  # of every wall: kind, period [m], contrast, phase [m]
-_HUES = 3.0  # [m] over such a distance the walls' base colour changes
 
 
 def load(path, n_robots: int = 10) -> World:
@@ -39,32 +36,17 @@ def load(path, n_robots: int = 10) -> World:
     """
     path = Path(path)
     state, resolution, origin = read(path)
-    labels, count = ndimage.label(state == grid.FREE)
-    if count == 0:
+    free = cells.largest(state == grid.FREE)
+    if not free.any():
         raise SceneError(f"{path}: no cell is free; check negate, mode and the thresholds")
-    free = labels == np.bincount(labels.ravel())[1:].argmax() + 1
-    rotation = bodies.turn(origin[2])
-    lattice = grid.Lattice((0.0, 0.0), resolution, free.shape)
-    edges = cell_edges(free).reshape(-1, 2) * resolution @ rotation.T + origin[:2]
-    segments = np.ascontiguousarray(edges.reshape(-1, 4))
-    middle = (segments[:, :2] + segments[:, 2:]) / 2
-    shared = {
-        "name": path.stem,
-        "description": f"ROS map, {resolution:g} m a cell",
-        "segments": segments,
-        "colors": np.clip(0.55 + 0.45 * rays.noise_at(middle, _HUES), 0.15, 0.95),
-        "textures": np.tile(TEXTURE, (len(segments), 1)),
-        "solids": bodies.Cells(lattice, ~free, rotation, origin[:2], outside=True),
-        "rooms": bodies.Cells(lattice, free, rotation, origin[:2], outside=False),
-    }
-    bare = World(**shared, starts=np.zeros((0, 3)), goals=np.zeros((0, 2)))
+    description = f"ROS map, {resolution:g} m a cell"
     try:
-        starts, goals = places.choose(bare, n_robots)
+        world = cells.world(path.stem, description, free, resolution, origin[:2], origin[2], n_robots)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
-    if len(starts) == 0:
+    if len(world.starts) == 0:
         raise SceneError(f"{path}: no free region is wide enough for a robot; check resolution and the thresholds")
-    return World(**shared, starts=starts, goals=goals)
+    return world
 
 
 def read(path) -> tuple[np.ndarray, float, np.ndarray]:
@@ -134,20 +116,3 @@ def _numbers(path: Path, values: dict, key: str, counts: tuple, *default) -> np.
         wanted = "a finite number" if counts == (1,) else "finite numbers [x, y, yaw]"
         raise SceneError(f"{path}: {key} must be {wanted}, got {value}")
     return numbers
-
-
-def cell_edges(free: np.ndarray) -> np.ndarray:
-    """Edges (s, 2, 2), in cells, between the free and the other cells of (nx, ny); straight runs are merged."""
-    padded = np.pad(free, 1).astype(np.int8)
-    across_y = _runs(np.diff(padded, axis=1)[1:-1])
-    across_x = _runs(np.diff(padded, axis=0)[:, 1:-1].T)
-    return np.concatenate([across_y, across_x[..., ::-1]]).astype(float)
-
-
-def _runs(change: np.ndarray) -> np.ndarray:
-    """Ends (s, 2, 2) of the runs along the first axis of equal values other than 0."""
-    padded = np.pad(change, ((1, 1), (0, 0)))
-    breaks = padded[1:] != padded[:-1]
-    line, begin = np.nonzero((breaks & (padded[1:] != 0)).T)
-    same, end = np.nonzero((breaks & (padded[:-1] != 0)).T)
-    return np.stack([np.stack([begin, line], 1), np.stack([end, same], 1)], 1)

@@ -1,0 +1,59 @@
+"""From free cells to a flat World: walls along the edges of cells, starts and goals where there is room."""
+
+import numpy as np
+from scipy import ndimage
+
+from mannbv import grid
+from mannbv.kernels import rays
+from mannbv.world import bodies, places
+from mannbv.world.flat import TEXTURES, World
+
+TEXTURE = (float(TEXTURES["noise"]), 0.7, 0.5, 0.0)  # of every wall: kind, period [m], contrast, phase [m]
+_HUES = 3.0  # [m] over such a distance the walls' base colour changes
+
+
+def world(name: str, description: str, free, cell, origin, yaw=0.0, n_robots: int = 10) -> World:
+    """The world whose free part is exactly the cells `free` (nx, ny); everything else is solid.
+
+    `origin` x, y [m] is the outer corner of the first cell of size `cell` [m], about which the lattice is turned by
+    `yaw` [rad]. Every edge between a free cell and another is a wall. Starts and goals are those of `places.choose`,
+    for `n_robots` robots or as many as fit, perhaps none. Raises SceneError.
+    """
+    rotation, origin = bodies.turn(yaw), np.asarray(origin, float)
+    lattice = grid.Lattice((0.0, 0.0), cell, free.shape)
+    segments = np.ascontiguousarray((cell_edges(free).reshape(-1, 2) * cell @ rotation.T + origin).reshape(-1, 4))
+    middle = (segments[:, :2] + segments[:, 2:]) / 2
+    shared = {
+        "name": name,
+        "description": description,
+        "segments": segments,
+        "colors": np.clip(0.55 + 0.45 * rays.noise_at(middle, _HUES), 0.15, 0.95),
+        "textures": np.tile(TEXTURE, (len(segments), 1)),
+        "solids": bodies.Cells(lattice, ~free, rotation, origin, outside=True),
+        "rooms": bodies.Cells(lattice, free, rotation, origin, outside=False),
+    }
+    starts, goals = places.choose(World(**shared, starts=np.zeros((0, 3)), goals=np.zeros((0, 2))), n_robots)
+    return World(**shared, starts=starts, goals=goals)
+
+
+def largest(free: np.ndarray) -> np.ndarray:
+    """The largest region of `free` (nx, ny) that is connected by its cells' sides; nothing where nothing is free."""
+    labels, count = ndimage.label(free)
+    return labels == np.bincount(labels.ravel())[1:].argmax() + 1 if count else np.zeros_like(free)
+
+
+def cell_edges(free: np.ndarray) -> np.ndarray:
+    """Edges (s, 2, 2), in cells, between the free and the other cells of (nx, ny); straight runs are merged."""
+    padded = np.pad(free, 1).astype(np.int8)
+    across_y = _runs(np.diff(padded, axis=1)[1:-1])
+    across_x = _runs(np.diff(padded, axis=0)[:, 1:-1].T)
+    return np.concatenate([across_y, across_x[..., ::-1]]).astype(float)
+
+
+def _runs(change: np.ndarray) -> np.ndarray:
+    """Ends (s, 2, 2) of the runs along the first axis of equal values other than 0."""
+    padded = np.pad(change, ((1, 1), (0, 0)))
+    breaks = padded[1:] != padded[:-1]
+    line, begin = np.nonzero((breaks & (padded[1:] != 0)).T)
+    same, end = np.nonzero((breaks & (padded[:-1] != 0)).T)
+    return np.stack([np.stack([begin, line], 1), np.stack([end, same], 1)], 1)

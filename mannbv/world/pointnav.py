@@ -1,0 +1,202 @@
+"""Habitat PointNav episodes as scenes: a `.json.gz` file names a mesh, and where an agent starts and should end.
+
+Habitat's y axis points up and its camera looks along −z; a place (x, y, z) there is (x, −z, y) here. Gibson's meshes
+have their own licence and are not part of this project: the README says how to get them.
+"""
+
+import dataclasses
+import gzip
+import json
+import math
+import zlib
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from mannbv.config import Config
+from mannbv.world import mesh, places, storeys
+from mannbv.world.flat import SceneError, World
+from mannbv.world.space import Space
+from mannbv.world.surfaces import Surfaces
+
+MOST_BYTES = 2**28  # of a file, unpacked
+STEP = 0.3  # [m] an episode's height may differ so much from its storey's floor
+HINT = "Gibson's scenes are free to get under their own licence, README.md says how"
+
+
+def load(path, scenes_dir, scene: str | None = None, up=None, scale=None, floor=None, n_robots: int = 10) -> Space:
+    """The scene of a file's first episode, or of the first in `scene`, with its episodes' starts and goals.
+
+    scenes_dir: the folder that holds what scene_id names, as in gibson/Cantwell.glb. The robots
+    take the episodes on the first one's storey, in order, but for those whose start is not free, whose goal is out of
+    reach, or that come near another's. Cameras stand `Config.camera_height` above the start. up, scale: as in
+    `mesh.read`, but Habitat's unit is the metre. floor: a height [m]; the storey nearest to it instead of the first
+    episode's. Raises SceneError.
+    """
+    path = Path(path)
+    if scenes_dir is None:
+        raise SceneError(f"{path}: which folder holds its scenes? Name it with --scenes-dir; {HINT}")
+    episodes = read(path)
+    if scene is not None:
+        episodes = [e for e in episodes if scene in (e.scene, PurePosixPath(e.scene).stem)]
+        if not episodes:
+            raise SceneError(f"{path}: has no episode in {scene}; give another scene")
+    name = episodes[0].scene
+    episodes = [e for e in episodes if e.scene == name]
+    file = _found(path, Path(scenes_dir), name)
+    surfaces, notes = mesh.read(file, up, 1.0 if scale is None else scale)
+    floor = _storey(surfaces, episodes, floor)
+    if floor is None:
+        raise SceneError(f"{path}: no episode starts on a floor of {name}; is its up axis right? Try --up")
+    description = f"Habitat episodes, {floor:.2f} m floor"
+    try:
+        ground = storeys.ground(file.stem, description, surfaces, floor, n_robots)
+    except SceneError as error:
+        raise SceneError(f"{path}: {name}: {error}") from None
+    team, skipped = _team(ground, floor, episodes, n_robots)
+    if not team:
+        raise SceneError(
+            f"{path}: no episode of {name} has a free start and a goal within reach; is its up axis right?"
+        )
+    up_by = [0, 0, Config().camera_height]
+    starts = np.array([[*(e.start + up_by), e.yaw] for e in team])
+    goals = np.array([e.goal + up_by for e in team])
+    ground = dataclasses.replace(ground, starts=np.delete(starts, 2, axis=1), goals=goals[:, :2].copy())
+    return Space(ground.name, description, surfaces, ground, floor, starts, goals, notes + skipped)
+
+
+@dataclasses.dataclass(frozen=True)
+class Episode:
+    """One PointNav task: the mesh's name; start (3,) and goal (3,) [m], on the floor, z up; yaw [rad]."""
+
+    scene: str
+    start: np.ndarray
+    yaw: float
+    goal: np.ndarray
+
+
+def read(path) -> list[Episode]:
+    """The episodes of a file, in order. Raises SceneError."""
+    path = Path(path)
+    try:
+        with gzip.open(path) as file:
+            data = file.read(MOST_BYTES + 1)
+    except gzip.BadGzipFile:
+        raise SceneError(f"{path}: not packed by gzip; give the .json.gz of a PointNav data set") from None
+    except (OSError, EOFError, zlib.error) as error:
+        reason = getattr(error, "strerror", None) or "cut short or damaged"
+        raise SceneError(f"{path}: cannot be read ({reason}); check the path, or download it again") from None
+    if len(data) > MOST_BYTES:
+        raise SceneError(f"{path}: unpacks to more than {MOST_BYTES >> 20} MB; give the file of a single scene")
+    try:
+        document = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"{path}: not valid JSON ({error}); is the file complete?") from None
+    listed = document.get("episodes") if isinstance(document, dict) else None
+    if not isinstance(listed, list):
+        raise SceneError(f"{path}: has no list of episodes; give a PointNav data set")
+    if not listed:
+        inside = sorted((path.parent / "content").glob("*.json.gz"))
+        remedy = f"give one of content/, as {inside[0]}" if inside else "give another file"
+        raise SceneError(f"{path}: its list of episodes is empty; {remedy}")
+    return [_episode(path, k, entry) for k, entry in enumerate(listed)]
+
+
+def _episode(path: Path, k: int, entry) -> Episode:
+    """An entry of the list, in this project's axes."""
+
+    def fail(key, wanted, value):
+        shown = json.dumps(value)
+        shown = shown if len(shown) < 60 else shown[:57] + "…"
+        raise SceneError(f"{path}: episodes[{k}]{key} must be {wanted}, got {shown}; is this a PointNav data set?")
+
+    def numbers(holder, key, count, place=""):
+        values = holder.get(key)
+        if not isinstance(values, list) or len(values) != count or not all(map(_is_number, values)):
+            fail(f"{place}.{key}", f"{count} finite numbers", values)
+        return np.array(values, float)
+
+    if not isinstance(entry, dict):
+        fail("", "an object", entry)
+    scene, goals = entry.get("scene_id"), entry.get("goals")
+    if not isinstance(scene, str) or not scene.strip() or not scene.isprintable():
+        fail(".scene_id", "the name of a mesh", scene)
+    if not isinstance(goals, list) or not goals or not isinstance(goals[0], dict):
+        fail(".goals", "a list of at least one goal", goals)
+    rotation = numbers(entry, "start_rotation", 4)
+    if not 0.9 < np.linalg.norm(rotation) < 1.1:
+        fail(".start_rotation", "a unit quaternion [x, y, z, w]", rotation.tolist())
+    start, goal = numbers(entry, "start_position", 3), numbers(goals[0], "position", 3, ".goals[0]")
+    return Episode(scene, _upright(start), _yaw(rotation / np.linalg.norm(rotation)), _upright(goal))
+
+
+def _is_number(value) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e6
+
+
+def _upright(point) -> np.ndarray:
+    x, y, z = point
+    return np.array([x, -z, y])
+
+
+def _yaw(rotation) -> float:
+    """Heading [rad] of a camera turned by a unit quaternion (x, y, z, w) that looks along −z before."""
+    x, y, z, w = rotation
+    ahead = _upright([-2 * (x * z + w * y), 2 * (w * x - y * z), 2 * (x * x + y * y) - 1])
+    return math.atan2(ahead[1], ahead[0])
+
+
+def _found(path: Path, folder: Path, name: str) -> Path:
+    """The mesh `name` in `folder`, under its whole name or the end of it; never outside the folder."""
+    if not folder.is_dir():
+        raise SceneError(f"{folder}: is no folder; --scenes-dir names the one that holds {name}; {HINT}")
+    parts = [part for part in PurePosixPath(name.replace("\\", "/")).parts if part not in ("/", "..")]
+    for k in range(len(parts)):
+        file = folder.joinpath(*parts[k:])
+        if file.is_file():
+            return file
+    raise SceneError(f"{path}: its scene {name} is not in {folder}; put it there; {HINT}")
+
+
+def _storey(surfaces: Surfaces, episodes: list[Episode], wanted) -> float | None:
+    """Height [m] of the floor nearest to `wanted`, or of that under the first start that has one."""
+    floors = storeys.floors(surfaces)
+    if wanted is not None:
+        return min(floors, key=lambda z: abs(z - wanted), default=None)
+    starts = np.stack([episode.start for episode in episodes])
+    depth, _ = surfaces.cast(starts + np.array([0, 0, STEP]), np.tile([0.0, 0.0, -1.0], (len(starts), 1)))
+    below = starts[depth <= 2 * STEP, 2] + STEP - depth[depth <= 2 * STEP]
+    if len(below) == 0:
+        return None
+    nearest = min(floors, key=lambda z: abs(z - below[0]), default=below[0])
+    return float(nearest if abs(nearest - below[0]) <= storeys.FLAT else below[0])
+
+
+def _team(ground: World, floor: float, episodes: list[Episode], n_robots: int) -> tuple[list[Episode], tuple[str, ...]]:
+    """The episodes that robots take, and a note that counts the others seen on the way."""
+    team, unfit, close = [], 0, 0
+    for episode in episodes:
+        if len(team) == n_robots:
+            break
+        ends = np.stack([episode.start, episode.goal])
+        on_floor = np.abs(ends[:, 2] - floor).max() <= STEP
+        if not on_floor or not _reachable(ground, *ends):
+            unfit += 1
+        elif any(math.dist(a, b) < places.APART for e in team for a, b in zip(ends, (e.start, e.goal), strict=True)):
+            close += 1
+        else:
+            team.append(episode)
+    notes = [f"{unfit} episodes skipped: another storey, no free start, or a goal out of reach"] if unfit else []
+    notes += [f"{close} episodes skipped: too near to another's start or goal"] if close else []
+    return team, tuple(notes)
+
+
+def _reachable(ground: World, start: np.ndarray, goal: np.ndarray) -> bool:
+    radius = Config().robot_radius
+    if ground.clearance(np.stack([start, goal])).min() < radius:
+        return False
+    try:
+        ground.shortest_path(start, goal, radius)
+    except ValueError:
+        return False
+    return True
