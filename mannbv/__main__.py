@@ -14,7 +14,7 @@ import sys
 import warnings
 from pathlib import Path
 
-PRESETS = {"quick": {}, "paper": {"image_width": 800, "image_height": 800}}
+PRESETS = ("quick", "paper")
 FIGURE = "figure.png"
 
 
@@ -87,8 +87,15 @@ def _parser() -> argparse.ArgumentParser:
         description="Run the strategies on one scene; print the paper's tables; write results.json and figure.png. "
         "What was interrupted resumes, what is finished is kept.",
     )
-    compare.add_argument("scene", metavar="SCENE", help="a bundled name, a plan (.json) or a ROS map (.yaml)")
-    compare.add_argument("--dim", type=int, choices=(2, 3), default=2, help="2: flatland; 3: not in this version yet")
+    compare.add_argument(
+        "scene",
+        metavar="SCENE",
+        help="a bundled name, a plan (.json), a ROS map (.yaml), a mesh (.glb, .gltf, .obj, .ply) or Habitat PointNav "
+        "episodes (.json.gz)",
+    )
+    compare.add_argument(
+        "--dim", type=int, choices=(2, 3), help="2: flatland; 3: space (default: 3 for meshes and PointNav, else 2)"
+    )
     compare.add_argument("--robots", type=int, default=5, metavar="N", help="robots in the team (default 5)")
     compare.add_argument("--strategies", default="all", metavar="all|A,B", help="which strategies (default all)")
     compare.add_argument(
@@ -96,10 +103,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     compare.add_argument(
         "--preset",
-        choices=sorted(PRESETS),
+        choices=PRESETS,
         default="quick",
-        help="quick (default): 64 px images; paper: 800 px as in the paper, which takes about three times as long",
+        help="quick (default): small images, minutes a building; paper: 800 px as in the paper, in 3-D for many hours",
     )
+    compare.add_argument("--up", metavar="AXIS", help="which way is up in a mesh: z, y, -z, … (default: looked for)")
+    compare.add_argument("--scale", type=float, metavar="M", help="metres a unit of a mesh (default: looked for)")
+    compare.add_argument("--floor", type=float, metavar="M", help="height of a mesh's storey (default: the largest)")
+    compare.add_argument("--scenes-dir", type=Path, metavar="DIR", help="where the scenes of PointNav episodes lie")
     compare.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="change a constant, as often as you like"
     )
@@ -112,6 +123,7 @@ def _parser() -> argparse.ArgumentParser:
     tables = commands.add_parser("tables", help="the paper's tables from saved runs")
     tables.add_argument("runs", nargs="+", metavar="RUN", help="results.json, a run's .npz, or a folder of them")
     tables.add_argument("--format", choices=("text", "csv", "latex"), default="text", help="csv: one line a robot")
+    tables.add_argument("--out", type=Path, metavar="DIR", help="also write each table there, and the paper's figures")
     tables.set_defaults(command=_tables)
 
     bench = commands.add_parser(
@@ -155,17 +167,18 @@ def _scenes(arguments) -> int:
 
 
 def _compare(arguments) -> int:
-    if arguments.dim == 3:
-        raise _UsageError("compare: 3-D scenes are not part of this version yet; use --dim 2")
     for name, least in (("robots", 1), ("seeds", 1), ("workers", 0)):
         if getattr(arguments, name) < least:
             raise _UsageError(f"compare: --{name} must be at least {least}, got {getattr(arguments, name)}")
     from mannbv import study, team, world
 
-    config = _config(arguments.preset, arguments.set)
     strategies = None if arguments.strategies == "all" else [s.strip() for s in arguments.strategies.split(",")]
-    place = world.load(arguments.scene)
-    out = Path(arguments.out or f"out/compare-{Path(place.name).name}")  # a name may be "../here"
+    overrule = {name: getattr(arguments, name) for name in ("up", "scale", "floor", "scenes_dir")}
+    place = world.load(arguments.scene, dim=arguments.dim, **overrule)
+    config = _config(place.dim, arguments.preset, arguments.set)
+    for note in place.notes:
+        print(f"{place.name}: {note}", file=sys.stderr)
+    out = Path(arguments.out or f"out/compare-{Path(place.name).name}" + "-3d" * (place.dim == 3))  # or "../here"
     n_strategies = len(set(strategies or team.STRATEGIES))
     with study.Meter() as meter:
         outcome = study.compare(
@@ -198,11 +211,15 @@ def _shown(outcome, place):
     return record, episode.draw_team(place, record.n_robots, seed, record.config)
 
 
-def _config(preset: str, changes: list[str]):
-    """The constants of a preset with NAME=VALUE changes. Raises ValueError, naming the change and the remedy."""
+def _config(dim: int, preset: str, changes: list[str]):
+    """A preset's constants for a world of `dim` dimensions, with NAME=VALUE changes.
+
+    Raises ValueError, naming the change and the remedy.
+    """
+    from mannbv.config import PRESETS as constants
     from mannbv.config import Config
 
-    values = dict(PRESETS[preset])
+    values = {}
     for change in changes:
         name, equals, text = change.partition("=")
         name = name.strip()
@@ -216,23 +233,41 @@ def _config(preset: str, changes: list[str]):
             raise _UsageError(f"--set {change}: {name} is {kind}, such as {default}") from None
         if isinstance(default, float) and not math.isfinite(values[name]):
             raise _UsageError(f"--set {change}: {name} must be finite, such as {default:g}")
-    return Config().replace(**values)
+    return constants[dim][preset].replace(**values)
 
 
 def _tables(arguments) -> int:
     from mannbv import study
 
     merged, left_out = study.gather(arguments.runs)
+    tables = study.paper_tables(merged)
     if arguments.format == "csv":
         print(study.as_csv(*merged), end="")
-    elif arguments.format == "latex":
-        print("\n\n".join(study.as_latex(table) for results in merged for table in study.tables(results)))
     else:
-        for results in merged:
-            _print_tables(results)
+        print("\n\n".join(map({"text": study.as_text, "latex": study.as_latex}[arguments.format], tables)))
+    sys.stdout.flush()
+    if arguments.out:
+        left_out += _write(arguments.runs, tables, arguments.out)
     for line in left_out:
         print(f"mannbv: {line}", file=sys.stderr)
     return 0
+
+
+def _write(runs: list[str], tables: list, out: Path) -> list[str]:
+    """Tables and the paper's figures into a folder; returns a line for each figure that cannot be drawn."""
+    from mannbv import draw, study
+
+    files, lacking, figures = study.write(tables, out), [], 0
+    runs = study.run_files(runs)
+    for name, figure, why in draw.paper_figures(runs):
+        if figure is None:
+            lacking.append(f"{name}: {why}")
+        else:
+            figures += 1
+            files += [draw.save(figure, out / (name + suffix)) for suffix in (".png", ".svg")]
+    lacking += [] if runs else ["no figures: they need the runs (.npz) beside results.json"]
+    print(f"Written: {len(tables)} tables and {figures} figures, {len(files)} files in {out}", file=sys.stderr)
+    return lacking
 
 
 def _bench(arguments) -> int:

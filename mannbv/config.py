@@ -37,6 +37,9 @@ class Config:
     turn: float = _constant(math.radians(5), "rad", "angle of a turn", "paper VI-B")
     robot_radius: float = _constant(0.1, "m", "radius of the robot's disc", "Habitat's default")
     cell: float = _constant(0.05, "m", "cell of the occupancy grid", "paper VI-B")
+    camera_height: float = _constant(1.25, "m", "of the camera above the floor, in 3-D only", "Habitat's default")
+    body_low: float = _constant(0.1, "m", "in 3-D robots step over what is lower", "a public active-mapping harness")
+    body_high: float = _constant(1.3, "m", "in 3-D robots pass below what is higher", "a public active-mapping harness")
     # mapping, Eq. (2)
     depth_weight: float = _constant(0.5, "1", "ψ, weight of depth in the mapping loss, Eq. (2)")
     explained_opacity: float = _constant(0.7, "1", "a pixel more opaque than this may be explained by the map")
@@ -65,6 +68,8 @@ class Config:
     # risk, Eqs. (6)-(9)
     measure: str = _constant("avar", "", "risk measure, a name in risk.MEASURES", "paper III-C")
     level: float = _constant(0.1, "1", "ε, the worst share of outcomes")
+    risk_opacity: float = _constant(0.0, "1", "fainter splats count for no risk")
+    block_opacity: float = _constant(1.0, "1", "splats more opaque block cells that no depth has shown; 1: none does")
     # masks, Eqs. (10)-(13)
     r_min: float = _constant(0.5, "m", "smallest mask radius, Eq. (10)")
     beta1: float = _constant(1.0, "m", "β₁ of the mask radius, Eq. (10)")
@@ -105,6 +110,8 @@ class Config:
             object.__setattr__(self, f.name, kind(value))  # numbers of numpy cannot be written as JSON
         if not 0 < self.level < 1:
             raise ValueError(f"config: level must lie strictly between 0 and 1, got {self.level}")
+        if not self.body_low < self.body_high:
+            raise ValueError(f"config: body_low must be below body_high, got {self.body_low} and {self.body_high}")
         if not self.fov < math.pi:
             raise ValueError(f"config: fov must be below π rad, got {self.fov}")
         if self.n_yaws < 4:
@@ -134,8 +141,18 @@ class Config:
 
 # For maps of space, chosen here: a splat to four pixels, finer where those fail; a room at 128×128 takes some 24,000.
 SPACE = Config(
-    insert_spacing=2, densify_error=0.05, fit_steps=48, fit_older=8, learning_rate=0.5, moments="kept"
+    insert_spacing=2, densify_error=0.05, fit_steps=48, fit_older=8, learning_rate=0.5, moments="kept",
+    risk_opacity=0.5, block_opacity=0.5,
 )  # fmt: skip
+
+# By dimension and name. "paper": images, cells, steps and turns of Section VI-B; "quick": an episode to wait for.
+PRESETS = {
+    2: {"quick": Config(), "paper": Config(image_width=800, image_height=800)},
+    3: {
+        "quick": SPACE.replace(densify_error=1.0, fit_steps=24),
+        "paper": SPACE.replace(image_width=800, image_height=800, insert_spacing=4, fit_steps=24),
+    },
+}
 
 
 def describe(config: Config | None = None) -> str:

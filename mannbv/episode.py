@@ -145,6 +145,7 @@ def draw_team(place, n_robots: int, seed: int, config: Config):
 
     Seed 0 takes the first pairs. Raises ValueError where the team cannot start or a goal is out of reach.
     """
+    place = place.at_height(config.camera_height)
     rng = np.random.default_rng([seed, 2_147_483_647])  # a stream that no robot draws from
     pairs = min(len(place.starts), len(place.goals))
     order = np.arange(pairs) if seed == 0 else rng.permutation(pairs)
@@ -178,7 +179,7 @@ def score(record: Record, mission: Mission) -> list[dict]:
     spent = sum(sum(cycle["seconds"].values()) for cycle in record.cycles)
     rows = []
     for robot in record.robots:
-        belief = robot.belief()
+        belief = robot.belief(config)
         start, reached = robot.trail[0], robot.status == "reached"
         shortest = place.shortest_path(start, robot.goal, config.robot_radius, config.cell)
         reachable = place.reachable_free(config.cell, config.robot_radius, start)

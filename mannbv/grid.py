@@ -12,6 +12,8 @@ from mannbv.kernels import search
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 1
 HIT, PASS = 2.0, -0.4  # log-odds that one look adds; chosen here
+DOUBT = -0.1  # … in space, to a cell where something was hit: the ray may have passed below or above it
+LOW = 0.2  # [m] in space a ray clears the ground where it is no higher above what a robot steps over
 _LEAST, _MOST = -4.0, 8.0  # bounds of what the looks add up to
 
 
@@ -75,19 +77,63 @@ class Occupancy:
         A hit outweighs several passes, since a ray that grazes a wall also crosses the free part of its cells; one
         frame changes a cell at most once, and a hit wins over a pass.
         """
-        lattice = self.lattice
-        start = (np.asarray(origin, float)[:2] - lattice.origin) / lattice.cell
-        stops = (np.asarray(ends, float)[:, :2] - lattice.origin) / lattice.cell
-        touched = np.floor(np.concatenate([stops, start[None]])).astype(int)
-        low = np.clip(touched.min(0), 0, lattice.shape)
-        high = np.clip(touched.max(0) + 1, low, lattice.shape)
-        free, hit = np.zeros(high - low, bool), np.zeros(high - low, bool)
-        search.carve(free, hit, start[0] - low[0], start[1] - low[1], stops - low, np.asarray(hits, bool))
-        window = np.s_[low[0] : high[0], low[1] : high[1]]
+        ends = np.asarray(ends, float)[:, :2]
+        window, free, hit = self._crossed(np.broadcast_to(np.asarray(origin, float)[:2], ends.shape), ends, hits)
         log_odds = self.log_odds.copy()
         change = np.where(hit, HIT, np.where(free, PASS, 0.0)).astype(np.float32)
         log_odds[window] = _bounded(log_odds[window] + change, (log_odds[window] != 0) | free | hit)
-        return Occupancy(lattice, log_odds)
+        return Occupancy(self.lattice, log_odds)
+
+    def carved_around(self, origin, ends, hits, low: float, high: float) -> "Occupancy":
+        """`carved` for rays in space, of what stands between the heights `low` and `high` [m]; ends (k, 3) [m].
+
+        A surface hit there is taken as certain. A ray says that a cell is free where it runs at most `LOW` above
+        `low`, or ends on the floor; higher up only where nothing is known yet, as something low may stand beneath.
+        Where something was hit, rays that clear the cell say little (`DOUBT`): it may hang above them.
+        """
+        origin, ends, hits = np.asarray(origin, float), np.asarray(ends, float), np.asarray(hits, bool)
+        blocked = hits & (ends[:, 2] >= low) & (ends[:, 2] <= high)
+        fall = origin[2] - ends[:, 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            leave = np.where(ends[:, 2] > high, np.clip((origin[2] - high) / fall, 0, 1), 1.0)
+            enter = np.where(ends[:, 2] < low + LOW, np.clip((origin[2] - low - LOW) / fall, 0, 1), 1.0)
+        along = (ends - origin)[:, :2]
+        window, above, hit = self._crossed(
+            np.broadcast_to(origin[:2], along.shape), origin[:2] + leave[:, None] * along, blocked
+        )
+        lowest = np.flatnonzero(enter < 1)
+        part, below, _ = self._crossed(
+            origin[:2] + enter[lowest, None] * along[lowest], ends[lowest, :2], blocked[lowest]
+        )
+        clear = np.zeros(self.lattice.shape, bool)
+        clear[part] = below
+        log_odds = self.log_odds.copy()
+        old, clear = log_odds[window], clear[window]  # whatever runs low also runs through the whole window
+        eased = np.where(old > 0, old + DOUBT * clear, np.where(clear | (above & (old == 0)), old + PASS, old))
+        new = np.where(hit, np.maximum(old, 0.0) + HIT, eased).astype(np.float32)
+        log_odds[window] = _bounded(new, (old != 0) | above | clear | hit)
+        return Occupancy(self.lattice, log_odds)
+
+    def _crossed(self, starts, ends, hits):
+        """A window of the cells, and in it the cells (nx, ny) crossed by rays, and those in which rays hit."""
+        lattice = self.lattice
+        starts, ends = ((points - lattice.origin) / lattice.cell for points in (starts, ends))
+        if not len(ends):
+            return np.s_[:0, :0], np.zeros((0, 0), bool), np.zeros((0, 0), bool)
+        touched = np.floor(np.concatenate([starts, ends])).astype(int)
+        low = np.clip(touched.min(0), 0, lattice.shape)
+        high = np.clip(touched.max(0) + 1, low, lattice.shape)
+        free, hit = np.zeros(high - low, bool), np.zeros(high - low, bool)
+        search.carve(free, hit, starts - low, ends - low, np.asarray(hits, bool))
+        return np.s_[low[0] : high[0], low[1] : high[1]], free, hit
+
+    def blocked(self, points) -> "Occupancy":
+        """With the unknown cells that hold one of the points (k, ≥ 2) [m] taken for occupied."""
+        cells = self.lattice.index(points)
+        x, y = cells[self.lattice.inside(cells)].T
+        log_odds = self.log_odds.copy()
+        log_odds[x, y] = np.where(log_odds[x, y] == 0, HIT, log_odds[x, y])
+        return Occupancy(self.lattice, log_odds)
 
     def cropped(self, points, margin: float) -> "Occupancy":
         """Only the box around the known cells and the given points (k, ≥ 2) [m], `margin` [m] wider on every side."""

@@ -37,7 +37,7 @@ class Zone:
 def zone(belief: Belief, path: np.ndarray, config: Config) -> Zone:
     """Π of a trajectory (k, d) [m] on one robot's map, Eqs. (9)-(13)."""
     points = torch.from_numpy(np.asarray(path, float)).to(belief.splats.means)
-    alpha = risk.field(belief.splats, points, config.level, config.measure)
+    alpha = risk.along(belief.splats, points, config)
     radii = mask.radius(alpha, config.r_min, config.beta1, config.beta2)
     selected = mask.zone(belief.splats, points, radii)
     weights = torch.zeros(len(selected)).to(belief.splats.means)

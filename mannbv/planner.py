@@ -67,7 +67,7 @@ def prices(splat_map: SplatMap, lattice: grid.Lattice, cells: np.ndarray, rest: 
     """
     price = np.full(cells.shape, np.inf)
     points = raised(lattice.centers(np.argwhere(cells)), rest)
-    alpha = risk.field(splat_map, torch.from_numpy(points), config.level, config.measure).double().numpy()
+    alpha = risk.along(splat_map, torch.from_numpy(points), config).double().numpy()
     price[cells] = 1.0 + config.risk_weight * np.exp(-np.maximum(alpha, -3 * config.risk_scale) / config.risk_scale)
     return price
 

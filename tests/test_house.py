@@ -30,7 +30,8 @@ BASEMENT = "kernels"  # numba loops: every room may use them, they use no room
 
 # where a room above the ground floors may ask for the dimension, and why
 MAY_ASK = {
-    ("__main__", "_compare"): "refuses what is not built yet",
+    ("__main__", "_compare"): "names the folder of a 3-D run",
+    ("world", "_load"): "a scene stands in both: which one is asked for",
 }
 GROUND = {name for name, floor in FLOORS.items() if floor <= 1} | {BASEMENT}
 

@@ -51,16 +51,46 @@ def test_the_same_command_again_runs_nothing_and_says_the_same(folder, capsys):
 
 def test_tables_reads_what_compare_wrote(folder, capsys):
     main(command("--strategies", "single,distributed", "--out", folder))
-    written = capsys.readouterr().out.split("Figure:")[0]
+    printed = capsys.readouterr().out.split("Figure:")[0].strip().split("\n\n")
     assert main(["tables", str(folder)]) == 0
-    assert capsys.readouterr().out == written
+    written = capsys.readouterr().out
+    own = [[line for line in table.splitlines() if line.startswith(("single ", "distributed "))] for table in printed]
+    assert len(own) == 4
+    for line in (line for table in own for line in table):  # the paper's tables hold what compare prints, and more
+        assert line in written.splitlines()
+    for title in ("Growth of the shared maps", "Shared data against team size", "Seconds of a planning cycle"):
+        assert title in written
+    assert "--robots N --out DIR for N = 2, 5, 7, 10" in written  # neither centralized nor limited is there
     runs = [str(path) for path in (folder / "runs").glob("*.npz")]
     assert main(["tables", *runs]) == 0
     assert capsys.readouterr().out == written
     assert main(["tables", str(folder), "--format", "csv"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 5
     assert main(["tables", str(folder), "--format", "latex"]) == 0
-    assert capsys.readouterr().out.count(r"\begin{table}") == 4
+    assert capsys.readouterr().out.count(r"\begin{table}") == written.count("\n\n") + 1
+
+
+def test_tables_writes_files_and_figures_and_says_what_it_cannot_draw(folder, tmp_path, capsys):
+    out = tmp_path / "paper"
+    assert main(["tables", str(folder), "--out", str(out)]) == 0
+    said = capsys.readouterr()
+    printed = said.out.strip().split("\n\n")
+    assert sorted(printed) == sorted(file.read_text().strip() for file in out.glob("*.txt"))
+    assert len(list(out.glob("*.tex"))) == len(list(out.glob("*.csv"))) == len(printed)
+    assert [file.name for file in sorted(out.glob("figure*"))] == [
+        "figure1-overview-flat-2d.png",
+        "figure1-overview-flat-2d.svg",
+    ]
+    lines = said.err.splitlines()
+    assert f"{len(list(out.iterdir()))} files in {out}" in lines[0]
+    assert [line.split("-")[0] for line in lines[1:]] == [f"mannbv: figure{k}" for k in (2, 3, 4, 5)]
+    assert "no robot suggests a view" in lines[1]  # two cycles are too few for it
+    assert all("add them with compare" in line for line in lines[2:])
+    lonely = tmp_path / "results.json"
+    lonely.write_bytes((folder / "results.json").read_bytes())
+    assert main(["tables", str(lonely), "--out", str(out)]) == 0
+    assert "mannbv: no figures: they need the runs (.npz) beside results.json" in capsys.readouterr().err
+    assert main(["tables", str(lonely), "--out", str(lonely)]) == 2
 
 
 def test_tables_leaves_an_unfinished_run_out_and_says_so(folder, tmp_path, capsys):
@@ -93,7 +123,7 @@ BAD = [
     (["dance"], "invalid choice: 'dance'"),
     (["compare"], "SCENE"),
     (["compare", "atlantis"], "atlantis: no such scene; give one of flat,"),
-    (["compare", "flat", "--dim", "3"], "3-D scenes are not part of this version yet; use --dim 2"),
+    (["compare", "flat", "--up", "y"], "--up is for meshes and PointNav files; leave it out"),
     (["compare", "flat", "--dim", "4"], "invalid choice: 4"),
     (["compare", "flat", "--robots", "0"], "--robots must be at least 1, got 0"),
     (["compare", "flat", "--robots", "many"], "invalid int value: 'many'"),

@@ -65,13 +65,14 @@ def shortest(cost, sources, target, limit):
 
 
 @njit(cache=True)
-def carve(seen_free, seen_hit, origin_x, origin_y, ends, hits):
+def carve(seen_free, seen_hit, starts, ends, hits):
     """Mark the cells that rays cross (up to, not including, the end cell) and the end cells of rays that hit.
 
-    Coordinates in cells. ends (k, 2), hits (k,) bool. Exact traversal: every crossed cell once, in order.
+    Coordinates in cells. starts, ends (k, 2), hits (k,) bool. Exact traversal: every crossed cell once, in order.
     """
     nx, ny = seen_free.shape
     for k in range(len(ends)):
+        origin_x, origin_y = starts[k, 0], starts[k, 1]
         dx, dy = ends[k, 0] - origin_x, ends[k, 1] - origin_y
         x, y = math.floor(origin_x), math.floor(origin_y)
         last_x, last_y = math.floor(ends[k, 0]), math.floor(ends[k, 1])

@@ -78,7 +78,7 @@ def compare(
     config, folder = config or Config(), Path(out)
     names = list(dict.fromkeys(team.STRATEGIES if strategies is None else strategies))
     numbers = list(range(seeds)) if isinstance(seeds, int) else list(dict.fromkeys(seeds))
-    place = scene if hasattr(scene, "sense") else world.load(scene)
+    place = (scene if hasattr(scene, "sense") else world.load(scene)).at_height(config.camera_height)
     check(place, names, numbers, n_robots, config)
     found = _finished(folder, place, n_robots, config)
     _make(folder)
@@ -99,8 +99,9 @@ def compare(
     faults = crew.run(jobs, workers, watch)
     for job in jobs:
         if job not in faults:
-            found[job.strategy, job.seed] = results.rows_of(episode.load(job.path))
-    table = results.assemble(place.name, place.dim, n_robots, config, [row for rows in found.values() for row in rows])
+            found[job.strategy, job.seed] = _told(episode.load(job.path))
+    rows = [row for rows, _ in found.values() for row in rows]
+    table = results.assemble(place.name, place.dim, n_robots, config, rows, [entry for _, entry in found.values()])
     if found:
         results.save(table, folder / "results.json")
     failures = tuple(f"{job.strategy}, seed {job.seed}: {fault}" for job, fault in faults.items())
@@ -137,8 +138,8 @@ def _make(folder: Path) -> None:
         raise StudyError(f"{folder}: cannot be written ({error.strerror or error}); choose another --out") from None
 
 
-def _finished(folder: Path, place, n_robots: int, config: Config) -> dict[tuple[str, int], list[dict]]:
-    """Rows of the finished runs in a folder. Raises StudyError if it holds another comparison, or another's results."""
+def _finished(folder: Path, place, n_robots: int, config: Config) -> dict[tuple[str, int], tuple]:
+    """What finished runs in a folder tell. Raises StudyError if it holds another comparison, or another's results."""
     found = {}
     for path in sorted(folder.glob("runs/*.npz")):
         record = episode.load(path)
@@ -148,10 +149,14 @@ def _finished(folder: Path, place, n_robots: int, config: Config) -> dict[tuple[
                 f"{folder}: holds another comparison ({other}); choose another --out, or delete it to start afresh"
             )
         if record.finished:
-            found[record.strategy, record.seed] = results.rows_of(record)
+            found[record.strategy, record.seed] = _told(record)
     if not found and (folder / "results.json").exists() and not any(folder.glob("runs/*.npz")):
         raise StudyError(f"{folder}: holds results.json but no runs; choose another --out, or move that file away")
     return found
+
+
+def _told(record: episode.Record) -> tuple[list[dict], dict]:
+    return results.rows_of(record), results.episode_of(record)
 
 
 def _difference(record: episode.Record, place, n_robots: int, config: Config) -> str:

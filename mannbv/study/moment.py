@@ -65,7 +65,7 @@ def snapshot(record: Record, cycle: int | None = None) -> Snapshot:
 
 
 def _portrait(robot: Robot, told: dict, config: Config) -> Portrait:
-    belief, own = robot.belief(), told["robots"][robot.index]
+    belief, own = robot.belief(config), told["robots"][robot.index]
     path = np.array(own["path"], float).reshape(-1, len(robot.position))
     suggestions = tuple((i, yaw, gain) for i, k, yaw, gain in told["suggestions"] if k == robot.index)
     return Portrait(
@@ -88,5 +88,5 @@ def ground_risk(belief: Belief, config: Config, rest=()) -> np.ndarray:
     free = occupancy.state == grid.FREE
     points = planner.raised(occupancy.lattice.centers(np.argwhere(free)), rest)
     alpha = np.full(free.shape, np.nan)
-    alpha[free] = risk.field(belief.splats, torch.from_numpy(points), config.level, config.measure).double().numpy()
+    alpha[free] = risk.along(belief.splats, torch.from_numpy(points), config).double().numpy()
     return alpha

@@ -7,12 +7,15 @@ import networkx as nx
 import numpy as np
 import torch
 
-from mannbv import grid, information, messages, planner, splats, world
+from mannbv import grid, information, messages, planner, risk, splats, world
 from mannbv.camera import Camera, Frame
 from mannbv.config import Config
 from mannbv.mapping import LocalMap
 from mannbv.objective import Belief
 from mannbv.splats import SplatMap
+
+
+_SCOUT = 128  # [px]; chosen here
 
 
 @dataclass(frozen=True)
@@ -82,13 +85,17 @@ class Robot:
         """The yaw that this robot would choose alone [rad]."""
         return self.plans[self.index].yaw if self.index in self.plans else self.yaw
 
-    def belief(self) -> Belief:
+    def belief(self, config: Config | None = None) -> Belief:
         """What it may evaluate on: its own map and its guests, its own ground and the grids it was sent.
 
-        The ground is cut to what is known, its own place and its goal, with a metre around.
+        The ground is cut to what is known, its own place and its goal, with a metre around. By the `block_opacity` of a
+        config, opaque splats tell of what stands where no depth has shown the ground; never of what is free.
         """
         both = splats.union(self.local.splats, self.guests.splats)
         ground = self.ground.merged(*self.heard.values()).cropped(np.stack([self.position, self.goal]), 1.0)
+        if config is not None and config.block_opacity < 1:
+            solid = risk.in_reach(both, self.position[2:], config) & (both.opacities > config.block_opacity)
+            ground = ground.blocked(both.means[solid].numpy())
         return Belief(both, torch.cat([self.local.prior, self.guests.prior]), ground)
 
 
@@ -96,12 +103,18 @@ class Robot:
 class Mission:
     """What stays the same through an episode."""
 
-    world: world.World
+    world: world.Place
     camera: Camera
     config: Config
     network: nx.Graph
     strategy: str
     seed: int
+
+    @property
+    def scout(self) -> Camera:
+        """The camera for looks that only carve the ground: the same view in at most `_SCOUT` pixels a side."""
+        width, height = (min(n, _SCOUT) for n in (self.config.image_width, self.config.image_height))
+        return Camera.of_dim(self.world.dim, width, height, self.config.fov)
 
     def rng(self, cycle: int, robot: int) -> np.random.Generator:
         """The generator of one robot in one cycle, so that a resumed run draws the same numbers."""

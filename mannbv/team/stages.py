@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from mannbv import geometry, grid, information, mapping, messages, objective, planner, world
-from mannbv.camera import Frame, back_project
+from mannbv.camera import Camera, Frame, back_project
 from mannbv.config import Config
 from mannbv.mapping import LocalMap
 from mannbv.team.robots import Guests, Mission, Robot
@@ -33,7 +33,7 @@ def plan(robot: Robot, mission: Mission, cycle: int) -> Robot:
     config, camera = mission.config, mission.camera
     if robot.status == "reached":
         return robot.replace(route=None, plans={})
-    belief = robot.belief()
+    belief = robot.belief(config)
     arguments = belief.splats, belief.prior, belief.occupancy, camera, robot.position, robot.goal, config
     route = planner.plan(*arguments, tried=robot.tried) or planner.plan(*arguments)
     if route is None:
@@ -56,22 +56,30 @@ def start(index: int, position: np.ndarray, yaw: float, goal: np.ndarray, missio
     steps = round(2 * math.pi / mission.config.turn)
     every, rng = max(1, int(mission.config.fov / mission.config.turn)), mission.rng(0, index)
     for turn in range(steps):
-        frame, robot = look(robot.replace(yaw=geometry.wrap(yaw + turn * mission.config.turn)), mission, rng)
+        robot = look(robot.replace(yaw=geometry.wrap(yaw + turn * mission.config.turn)), mission, rng)
         if turn % every == 0:
-            robot = robot.replace(frames=(*robot.frames, frame))
+            robot = robot.replace(frames=(*robot.frames, take(robot, mission.camera, mission, rng)))
     return robot.replace(yaw=yaw)
 
 
-def look(robot: Robot, mission: Mission, rng: np.random.Generator) -> tuple[Frame, Robot]:
-    """Take a frame and carve the ground that it shows free."""
-    config = mission.config
-    pose = geometry.yaw_pose(torch.from_numpy(robot.position), robot.yaw)
-    frame = mission.world.sense(mission.camera, pose, config.max_depth, config.depth_noise, config.color_noise, rng)
+def take(robot: Robot, camera: Camera, mission: Mission, rng: np.random.Generator) -> Frame:
+    """What the robot sees where it stands."""
+    config, pose = mission.config, geometry.yaw_pose(torch.from_numpy(robot.position), robot.yaw)
+    return mission.world.sense(camera, pose, config.max_depth, config.depth_noise, config.color_noise, rng)
+
+
+def look(robot: Robot, mission: Mission, rng: np.random.Generator) -> Robot:
+    """Carve the ground that a look shows free; in 3-D, of what stands in the height of the robot's body."""
+    config, scout = mission.config, mission.scout
+    frame = take(robot, scout, mission, rng)
     valid = frame.valid.reshape(-1)
     # where nothing is in range the way is free; how far is told cautiously (chosen here)
     depth = torch.where(valid, frame.depth.reshape(-1), config.max_depth / math.sqrt(2))
-    ends = back_project(Frame(frame.color, depth, pose), mission.camera).numpy()
-    return frame, robot.replace(ground=robot.ground.carved(robot.position, ends, valid.numpy()))
+    ends = back_project(Frame(frame.color, depth, frame.pose), scout).numpy()
+    floor = robot.position[2:] - config.camera_height
+    body = *(floor + config.body_low), *(floor + config.body_high)  # nothing in flatland
+    carved = robot.ground.carved_around if body else robot.ground.carved
+    return robot.replace(ground=carved(robot.position, ends, valid.numpy(), *body))
 
 
 def move(robot: Robot, yaw: float, mission: Mission, cycle: int) -> Robot:
@@ -83,10 +91,11 @@ def move(robot: Robot, yaw: float, mission: Mission, cycle: int) -> Robot:
     config, rng = mission.config, mission.rng(cycle, 1000 + robot.index)
     if robot.status == "reached":
         return robot
-    frame = None
+    arrived = False
     if robot.route is not None:
         path = robot.route.ahead(config.stride)
-        for position, heading in world.follow(robot.position, robot.yaw, path, config.step, config.turn):
+        for spot, heading in world.follow(robot.position, robot.yaw, path, config.step, config.turn):
+            position = np.concatenate([spot, robot.position[2:]])
             if np.array_equal(position, robot.position):
                 robot = robot.replace(yaw=heading)
             elif not _fits(position, robot.ground, config):
@@ -97,22 +106,23 @@ def move(robot: Robot, yaw: float, mission: Mission, cycle: int) -> Robot:
                     position=position, yaw=heading, trail=np.concatenate([robot.trail, position[None]]),
                     collisions=robot.collisions + int(clear < config.robot_radius),
                 )  # fmt: skip
-            frame, robot = look(robot, mission, rng)
+            robot, arrived = look(robot, mission, rng), True
         if robot.route.look is not None and len(path) == len(robot.route.waypoints):
             away = robot.route.look - robot.position
-            frame, robot = _turn(robot, math.atan2(away[1], away[0]), mission, rng)
-            robot = robot.replace(tried=(*robot.tried, path[-1][:2]))
-    kept = () if frame is None else (frame,)
-    frame, robot = _turn(robot, yaw, mission, rng)
+            robot = _turn(robot, math.atan2(away[1], away[0]), mission, rng)
+            robot, arrived = robot.replace(tried=(*robot.tried, path[-1][:2])), True
+    kept = (take(robot, mission.camera, mission, rng),) if arrived else ()
+    robot = _turn(robot, yaw, mission, rng)
+    frame = take(robot, mission.camera, mission, rng)
     status = "reached" if np.linalg.norm(robot.position - robot.goal) <= config.reach else robot.status
     return robot.replace(frames=(*kept, frame), status=status)
 
 
-def _turn(robot: Robot, yaw: float, mission: Mission, rng: np.random.Generator) -> tuple[Frame, Robot]:
-    frame, robot = look(robot, mission, rng)
+def _turn(robot: Robot, yaw: float, mission: Mission, rng: np.random.Generator) -> Robot:
+    robot = look(robot, mission, rng)
     for heading in world.turn_to(robot.yaw, yaw, mission.config.turn):
-        frame, robot = look(robot.replace(yaw=heading), mission, rng)
-    return frame, robot
+        robot = look(robot.replace(yaw=heading), mission, rng)
+    return robot
 
 
 def _fits(position: np.ndarray, ground: grid.Occupancy, config: Config) -> bool:

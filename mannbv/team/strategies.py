@@ -17,7 +17,7 @@ def serve(robot: Robot, mission: Mission) -> np.ndarray:
     known = sorted(robot.plans)
     positions = [np.asarray(robot.plans[k].position) for k in known]
     paths = [np.asarray(robot.plans[k].path) for k in known]
-    rows[known] = objective.local(robot.belief(), mission.camera, positions, paths, mission.config)
+    rows[known] = objective.local(robot.belief(mission.config), mission.camera, positions, paths, mission.config)
     return rows
 
 

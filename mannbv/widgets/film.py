@@ -100,7 +100,7 @@ class Film:
         path, config = np.array(self.told(cycle, k)["path"], float), self.last.config
         if not len(path):
             return float("nan")
-        return risk.total(self.belief(cycle, k).splats, torch.from_numpy(path), config.level, config.measure)
+        return risk.along(self.belief(cycle, k).splats, torch.from_numpy(path), config).mean().item()
 
     def _each(self, measure: Callable[[int, int], float]) -> np.ndarray:
         return np.array([[measure(c, k) for k in range(self.last.n_robots)] for c in range(len(self.cycles))])
