@@ -150,7 +150,7 @@ PRESETS = {
     2: {"quick": Config(), "paper": Config(image_width=800, image_height=800)},
     3: {
         "quick": SPACE.replace(densify_error=1.0, fit_steps=24),
-        "paper": SPACE.replace(image_width=800, image_height=800, insert_spacing=4, fit_steps=24),
+        "paper": SPACE.replace(densify_error=1.0, fit_steps=24, insert_spacing=6, image_width=800, image_height=800),
     },
 }
 

@@ -78,7 +78,9 @@ class Occupancy:
         frame changes a cell at most once, and a hit wins over a pass.
         """
         ends = np.asarray(ends, float)[:, :2]
-        window, free, hit = self._crossed(np.broadcast_to(np.asarray(origin, float)[:2], ends.shape), ends, hits)
+        starts = np.broadcast_to(np.asarray(origin, float)[:2], ends.shape)
+        window = self._window(starts, ends)
+        free, hit = self._crossed(window, starts, ends, hits)
         log_odds = self.log_odds.copy()
         change = np.where(hit, HIT, np.where(free, PASS, 0.0)).astype(np.float32)
         log_odds[window] = _bounded(log_odds[window] + change, (log_odds[window] != 0) | free | hit)
@@ -88,44 +90,48 @@ class Occupancy:
         """`carved` for rays in space, of what stands between the heights `low` and `high` [m]; ends (k, 3) [m].
 
         A surface hit there is taken as certain. A ray says that a cell is free where it runs at most `LOW` above
-        `low`, or ends on the floor; higher up only where nothing is known yet, as something low may stand beneath.
-        Where something was hit, rays that clear the cell say little (`DOUBT`): it may hang above them.
+        `low`, or ends on the floor: something may stand beneath higher ones. These count only around the robot, too
+        near for the steepest ray to be low, and only where nothing is known yet. Where something was hit, rays that
+        clear the cell say little (`DOUBT`): it may hang above them.
         """
         origin, ends, hits = np.asarray(origin, float), np.asarray(ends, float), np.asarray(hits, bool)
-        blocked = hits & (ends[:, 2] >= low) & (ends[:, 2] <= high)
-        fall = origin[2] - ends[:, 2]
+        along, fall = (ends - origin)[:, :2], origin[2] - ends[:, 2]
+        length = np.linalg.norm(along, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             leave = np.where(ends[:, 2] > high, np.clip((origin[2] - high) / fall, 0, 1), 1.0)
             enter = np.where(ends[:, 2] < low + LOW, np.clip((origin[2] - low - LOW) / fall, 0, 1), 1.0)
-        along = (ends - origin)[:, :2]
-        window, above, hit = self._crossed(
-            np.broadcast_to(origin[:2], along.shape), origin[:2] + leave[:, None] * along, blocked
-        )
-        lowest = np.flatnonzero(enter < 1)
-        part, below, _ = self._crossed(
-            origin[:2] + enter[lowest, None] * along[lowest], ends[lowest, :2], blocked[lowest]
-        )
-        clear = np.zeros(self.lattice.shape, bool)
-        clear[part] = below
+            blind = (origin[2] - low - LOW) / np.max(fall / length, initial=0.0)  # [m] what no ray shows from near
+            leave = np.minimum(leave, blind / length)
+        start = np.broadcast_to(origin[:2], along.shape)
+        window = self._window(start, ends)
+        above, _ = self._crossed(window, start, start + leave[:, None] * along, np.zeros(len(ends), bool))
+        blocked = hits & (ends[:, 2] >= low) & (ends[:, 2] <= high)
+        tell = blocked | ((enter < 1) & (hits | (ends[:, 2] >= low)))  # where no floor is met there may be none
+        begin = start + enter[:, None] * along
+        clear, hit = self._crossed(window, begin[tell], ends[tell, :2], blocked[tell])
         log_odds = self.log_odds.copy()
-        old, clear = log_odds[window], clear[window]  # whatever runs low also runs through the whole window
+        old = log_odds[window]
         eased = np.where(old > 0, old + DOUBT * clear, np.where(clear | (above & (old == 0)), old + PASS, old))
         new = np.where(hit, np.maximum(old, 0.0) + HIT, eased).astype(np.float32)
         log_odds[window] = _bounded(new, (old != 0) | above | clear | hit)
         return Occupancy(self.lattice, log_odds)
 
-    def _crossed(self, starts, ends, hits):
-        """A window of the cells, and in it the cells (nx, ny) crossed by rays, and those in which rays hit."""
-        lattice = self.lattice
-        starts, ends = ((points - lattice.origin) / lattice.cell for points in (starts, ends))
-        if not len(ends):
-            return np.s_[:0, :0], np.zeros((0, 0), bool), np.zeros((0, 0), bool)
-        touched = np.floor(np.concatenate([starts, ends])).astype(int)
-        low = np.clip(touched.min(0), 0, lattice.shape)
-        high = np.clip(touched.max(0) + 1, low, lattice.shape)
-        free, hit = np.zeros(high - low, bool), np.zeros(high - low, bool)
-        search.carve(free, hit, starts - low, ends - low, np.asarray(hits, bool))
-        return np.s_[low[0] : high[0], low[1] : high[1]], free, hit
+    def _window(self, *points) -> tuple[slice, slice]:
+        """The part of the cells around points (k, ≥ 2) [m], as far as they lie in the lattice."""
+        cells = self.lattice.index(np.concatenate([p[:, :2] for p in points]))
+        if not len(cells):
+            return np.s_[:0, :0]
+        low = np.clip(cells.min(0), 0, self.lattice.shape)
+        high = np.clip(cells.max(0) + 1, low, self.lattice.shape)
+        return np.s_[low[0] : high[0], low[1] : high[1]]
+
+    def _crossed(self, window, starts, ends, hits) -> tuple[np.ndarray, np.ndarray]:
+        """Which cells of a window rays cross, and in which they hit something; starts, ends (k, 2) [m], hits (k,)."""
+        free, hit = (np.zeros_like(self.log_odds[window], bool) for _ in range(2))
+        corner = np.array([part.start or 0 for part in window])
+        starts, ends = ((points - self.lattice.origin) / self.lattice.cell - corner for points in (starts, ends))
+        search.carve(free, hit, starts, ends, np.asarray(hits, bool))
+        return free, hit
 
     def blocked(self, points) -> "Occupancy":
         """With the unknown cells that hold one of the points (k, ≥ 2) [m] taken for occupied."""

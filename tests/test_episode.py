@@ -7,10 +7,15 @@ import numpy as np
 import pytest
 import torch
 
-from mannbv import episode, world
-from mannbv.config import Config
+from mannbv import episode, risk, world
+from mannbv.config import PRESETS, Config
+from mannbv.grid import FREE, OCCUPIED
 
 SMALL = Config(image_width=32, fit_steps=4, max_cycles=3, n_yaws=72, rounds=6, n_subgoals=2)
+SPACE = PRESETS[3]["quick"].replace(
+    image_width=24, image_height=24, fit_steps=4, max_cycles=2, n_yaws=72, rounds=6, n_subgoals=2
+)
+BOTH = [(2, SMALL), (3, SPACE)]
 
 
 def without_times(record: episode.Record) -> str:
@@ -27,7 +32,8 @@ def same_robots(a: episode.Record, b: episode.Record) -> bool:
 
 
 @pytest.mark.parametrize("strategy", ["limited", "centralized"])
-def test_a_run_resumed_after_any_cycle_is_the_run_itself(tmp_path, strategy):
+@pytest.mark.parametrize(("dim", "small"), BOTH)
+def test_a_run_resumed_after_any_cycle_is_the_run_itself(tmp_path, strategy, dim, small):
     snapshots = []
 
     def keep(record):
@@ -35,11 +41,11 @@ def test_a_run_resumed_after_any_cycle_is_the_run_itself(tmp_path, strategy):
         record.save(path)
         snapshots.append(path)
 
-    config = SMALL.replace(depth_noise=0.01, color_noise=0.02)
-    whole = episode.run("flat", strategy, config, seed=1, n_robots=2, progress=keep)
-    assert len(snapshots) == 4  # three cycles and the scores
+    config, place = small.replace(depth_noise=0.01, color_noise=0.02), world.load("flat", dim=dim)
+    whole = episode.run(place, strategy, config, seed=1, n_robots=2, progress=keep)
+    assert len(snapshots) == config.max_cycles + 1  # and the scores
     for path in snapshots:
-        resumed = episode.run("flat", strategy, config, seed=1, n_robots=2, path=path)
+        resumed = episode.run(place, strategy, config, seed=1, n_robots=2, path=path)
         assert without_times(resumed) == without_times(whole)
         assert same_robots(resumed, whole)
 
@@ -175,3 +181,48 @@ def test_noise_reaches_the_map():
     )
     assert not torch.equal(quiet.robots[0].local.splats.means[:50], loud.robots[0].local.splats.means[:50])
     assert math.isfinite(loud.rows[0]["depth_mae_m"])
+
+
+# ---- in space -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def spatial():
+    """Four cycles of a robot in the 3-D flat, and what it was asked."""
+    config = SPACE.replace(image_width=32, image_height=32, max_cycles=4, fit_steps=8)
+    return episode.run(world.load("flat", dim=3), "single", config, n_robots=1), config
+
+
+def test_a_robot_in_space_stays_at_camera_height_and_keeps_clear_of_what_stands_there(spatial):
+    record, config = spatial
+    (robot,), (row,) = record.robots, record.rows
+    assert np.array_equal(np.unique(robot.trail[:, 2]), [config.camera_height])
+    assert len(robot.trail) > 40
+    clear = world.load("flat", dim=3).clearance(robot.trail)
+    assert row["min_clearance_m"] == clear.min() >= config.robot_radius
+    assert row["collisions"] == 0
+
+
+def test_what_a_robot_in_space_takes_for_ground_is_ground(spatial):
+    record, config = spatial
+    known, place = record.robots[0].ground, world.load("flat", dim=3)
+    centers = known.lattice.centers().reshape(-1, 2)
+    clear = place.clearance(centers).reshape(known.lattice.shape)
+    inside = place.inside(centers).reshape(known.lattice.shape)
+    assert (clear[(known.state == OCCUPIED) & inside] <= 0.05).all()  # a surface in each, at most half a diagonal away
+    assert (known.state == FREE).sum() > 3000
+    print((clear[(known.state == FREE) & inside] > 0).mean())
+    assert (clear[(known.state == FREE) & inside] > 0).mean() > 0.97
+
+
+def test_risk_in_space_is_of_what_the_body_can_touch(spatial):
+    record, config = spatial
+    robot = record.robots[0]
+    own, path = robot.local.splats, torch.from_numpy(np.array(record.cycles[-1]["robots"][0]["path"]))
+    height = own.means[:, 2].numpy()
+    reach = (height >= 0.1) & (height <= 1.3) & (own.opacities.numpy() >= config.risk_opacity)
+    away = torch.cdist(path, own.means[torch.from_numpy(reach)].double())
+    std = own.scales[torch.from_numpy(reach)].double().amax(1)
+    expected = (away - 1.7549833193248685 * std).amin(1)  # of a Gaussian's worst tenth: exp(−ι²) / (0.1 √(2π))
+    assert torch.allclose(risk.along(own, path, config).double(), expected, atol=1e-5)
+    assert (risk.field(own, path, config.level) < expected - 0.01).any()  # elsewhere floor and ceiling count

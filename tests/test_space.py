@@ -162,3 +162,7 @@ def test_looks_around_a_room_agree_with_its_plan(flat):
     fits = planner.traversable(ground, Config())
     assert fits.sum() > 5000 and (clear[fits] == 0).sum() == 0
     assert (grid.within(occupied, 0.11, 0.05)[inside & (clear > 0) & (clear < 0.04)]).mean() > 0.9
+
+
+def test_a_ray_that_meets_no_floor_does_not_clear_the_ground_where_it_should_be():
+    assert looked(empty(), (5.25, 0.0, False))[10] == UNKNOWN  # a pit
