@@ -111,6 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("--scale", type=float, metavar="M", help="metres a unit of a mesh (default: looked for)")
     compare.add_argument("--floor", type=float, metavar="M", help="height of a mesh's storey (default: the largest)")
     compare.add_argument("--scenes-dir", type=Path, metavar="DIR", help="where the scenes of PointNav episodes lie")
+    compare.add_argument("--building", metavar="NAME", help="which scene of a PointNav file (default: the first's)")
     compare.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="change a constant, as often as you like"
     )
@@ -173,7 +174,7 @@ def _compare(arguments) -> int:
     from mannbv import study, team, world
 
     strategies = None if arguments.strategies == "all" else [s.strip() for s in arguments.strategies.split(",")]
-    overrule = {name: getattr(arguments, name) for name in ("up", "scale", "floor", "scenes_dir")}
+    overrule = {name: getattr(arguments, name) for name in ("up", "scale", "floor", "scenes_dir", "building")}
     place = world.load(arguments.scene, dim=arguments.dim, **overrule)
     config = _config(place.dim, arguments.preset, arguments.set)
     for note in place.notes:

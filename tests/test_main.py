@@ -123,7 +123,7 @@ BAD = [
     (["dance"], "invalid choice: 'dance'"),
     (["compare"], "SCENE"),
     (["compare", "atlantis"], "atlantis: no such scene; give one of flat,"),
-    (["compare", "flat", "--up", "y"], "--up is for meshes and PointNav files; leave it out"),
+    (["compare", "flat", "--up", "y"], "--up is for meshes and PointNav episodes; leave it out"),
     (["compare", "flat", "--dim", "4"], "invalid choice: 4"),
     (["compare", "flat", "--robots", "0"], "--robots must be at least 1, got 0"),
     (["compare", "flat", "--robots", "many"], "invalid int value: 'many'"),

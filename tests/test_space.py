@@ -76,10 +76,12 @@ def test_cameras_can_be_raised_and_places_replaced(flat):
         moved.check_team(2)
 
 
-@pytest.mark.parametrize("overrule", [{"up": "y"}, {"scale": 2.0}, {"floor": 1.0}, {"scenes_dir": "x"}])
+@pytest.mark.parametrize("overrule", [{"up": "y"}, {"scale": 2.0}, {"floor": 1.0}, {"building": "x"}])
 def test_what_only_meshes_know_is_refused_elsewhere(overrule):
-    with pytest.raises(world.SceneError, match="meshes and PointNav"):
+    with pytest.raises(world.SceneError, match="PointNav episodes; leave it out"):
         world.load("flat", **overrule)
+    with pytest.raises(TypeError, match="no option is called flor; known: up"):
+        world.load("flat", flor=1.0)
 
 
 # ---- the ground carved by rays in space -----------------------------------------------------------------------------

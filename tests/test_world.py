@@ -13,7 +13,7 @@ from PIL import Image
 from mannbv import geometry, grid, world
 from mannbv.camera import Camera
 from mannbv.kernels import rays
-from mannbv.world import bodies, faces, plan, rosmap
+from mannbv.world import bodies, cells, faces, plan, rosmap
 
 CAMERA = Camera.from_fov(64)
 MAPS = Path(__file__).resolve().parents[2] / "shared" / "scenes" / "maps"
@@ -522,7 +522,7 @@ def test_the_image_is_found_beside_its_yaml_file(tmp_path, monkeypatch):
 
 def test_cell_edges_against_a_count_of_neighbours(rng):
     free = rng.random((23, 31)) < 0.6
-    edges = rosmap.cell_edges(free)
+    edges = cells.cell_edges(free)
     padded = np.pad(free, 1)
     count = (padded[1:] != padded[:-1]).sum() + (padded[:, 1:] != padded[:, :-1]).sum()
     lengths = np.abs(edges[:, 1] - edges[:, 0])

@@ -14,7 +14,6 @@ from mannbv.mapping import LocalMap
 from mannbv.objective import Belief
 from mannbv.splats import SplatMap
 
-
 _SCOUT = 128  # [px]; chosen here
 
 

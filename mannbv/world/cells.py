@@ -36,10 +36,15 @@ def world(name: str, description: str, free, cell, origin, yaw=0.0, n_robots: in
     return World(**shared, starts=starts, goals=goals)
 
 
-def largest(free: np.ndarray) -> np.ndarray:
-    """The largest region of `free` (nx, ny) that is connected by its cells' sides; nothing where nothing is free."""
+def largest(free: np.ndarray, counted: np.ndarray | None = None) -> np.ndarray:
+    """The region of `free` (nx, ny), connected by its cells' sides, with the most cells, or most of those `counted`.
+
+    Nothing where nothing is free.
+    """
     labels, count = ndimage.label(free)
-    return labels == np.bincount(labels.ravel())[1:].argmax() + 1 if count else np.zeros_like(free)
+    if count == 0:
+        return np.zeros_like(free)
+    return labels == np.bincount(labels[free if counted is None else free & counted], minlength=2)[1:].argmax() + 1
 
 
 def cell_edges(free: np.ndarray) -> np.ndarray:

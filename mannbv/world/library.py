@@ -9,8 +9,8 @@ from mannbv.world import extrude, mesh, plan, pointnav, rosmap
 from mannbv.world.flat import SceneError, World
 from mannbv.world.space import Space
 
-
 Place = World | Space  # where an episode can happen
+_OF_A_MESH = ("up", "scale", "floor", "scenes_dir", "building")  # the last two: of PointNav episodes only
 
 
 @dataclass(frozen=True)
@@ -37,18 +37,20 @@ def scenes() -> list[Summary]:
     return sorted((Summary(p.name, p.description, p.area) for p in plans), key=lambda s: s.area)
 
 
-def load(
-    scene, *, dim: int | None = None, starts=None, goals=None, up=None, scale=None, floor=None, scenes_dir=None
-) -> Place:
+def load(scene, *, dim: int | None = None, starts=None, goals=None, **of_a_mesh) -> Place:
     """The world of a bundled scene (its name) or a plan (`.json`), flat or in 3-D; of a ROS map (`.yaml`, flat); of a
     mesh (`.glb`, `.gltf`, `.obj`, `.ply`) or a Habitat PointNav file (`.json.gz`), in 3-D or the plan of its ground.
 
     dim: 2, 3, or None for what the file is made for. `starts` (k, 3) x, y [m], yaw [rad] and `goals` (k, 2) [m] replace
-    those of the scene. up ("y", "-z", …), scale [m a unit] and floor [m] overrule what is guessed of a mesh; scenes_dir:
-    where the scenes of PointNav episodes lie. Loading executes nothing.
-    Raises SceneError, one line that names the file, the thing and the remedy.
+    those of the scene. Of a mesh: up ("y", "-z", …), scale [m a unit] and floor [m] overrule what is guessed; of
+    PointNav episodes also: scenes_dir, where their meshes lie, and building, the name of one of them (default: the
+    first's). Loading executes nothing. Raises SceneError, one line that names the file, the thing and the remedy.
     """
-    world = _load(Path(scene), dim, {"up": up, "scale": scale, "floor": floor}, scenes_dir)
+    given = {name: value for name, value in of_a_mesh.items() if value is not None}
+    unknown = sorted(set(given) - set(_OF_A_MESH))
+    if unknown:
+        raise TypeError(f"load: no option is called {', '.join(unknown)}; known: {', '.join(_OF_A_MESH)}")
+    world = _load(Path(scene), dim, given)
     for name, places, width in (("starts", starts, 3), ("goals", goals, 2)):
         if places is None:
             continue
@@ -59,14 +61,18 @@ def load(
     return world
 
 
-def _load(path: Path, dim: int | None, overrule: dict, scenes_dir) -> Place:
+def _load(path: Path, dim: int | None, given: dict) -> Place:
     suffix = ".json.gz" if path.name.lower().endswith(".json.gz") else path.suffix.lower()
-    if suffix in mesh.SUFFIXES or suffix == ".json.gz":
-        place = mesh.load(path, **overrule) if suffix != ".json.gz" else pointnav.load(path, scenes_dir, **overrule)
+    if suffix == ".json.gz":
+        place = pointnav.load(path, given.pop("scenes_dir", None), given.pop("building", None), **given)
         return place.ground if dim == 2 else place
-    given = [name for name, value in (overrule | {"scenes-dir": scenes_dir}).items() if value is not None]
-    if given:
-        raise SceneError(f"{path}: --{given[0]} is for meshes and PointNav files; leave it out")
+    wrong = [name for name in given if suffix not in mesh.SUFFIXES or name not in _OF_A_MESH[:3]]
+    if wrong:
+        what = "PointNav episodes" if wrong[0] not in _OF_A_MESH[:3] else "meshes and PointNav episodes"
+        raise SceneError(f"{path}: --{wrong[0].replace('_', '-')} is for {what}; leave it out")
+    if suffix in mesh.SUFFIXES:
+        place = mesh.load(path, **given)
+        return place.ground if dim == 2 else place
     if suffix in (".yaml", ".yml"):
         if dim == 3:
             raise SceneError(f"{path}: a ROS map tells no heights; use --dim 2, or give a mesh")

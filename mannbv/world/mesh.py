@@ -60,7 +60,7 @@ def load(path, up=None, scale=None, floor=None, n_robots: int = 10) -> Space:
 def _storey(surfaces: Surfaces, heights: list[float], wanted) -> float:
     """The floor nearest to a height [m], or the one with the most free ground."""
     if wanted is not None:
-        return min(heights, key=lambda z: abs(z - wanted))
+        return storeys.nearest(heights, wanted)
     if len(heights) == 1:
         return heights[0]
     return max(heights, key=lambda z: storeys.free_cells(surfaces, z)[1].sum())

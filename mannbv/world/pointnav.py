@@ -27,11 +27,10 @@ HINT = "Gibson's scenes are free to get under their own licence, README.md says 
 def load(path, scenes_dir, scene: str | None = None, up=None, scale=None, floor=None, n_robots: int = 10) -> Space:
     """The scene of a file's first episode, or of the first in `scene`, with its episodes' starts and goals.
 
-    scenes_dir: the folder that holds what scene_id names, as in gibson/Cantwell.glb. The robots
-    take the episodes on the first one's storey, in order, but for those whose start is not free, whose goal is out of
-    reach, or that come near another's. Cameras stand `Config.camera_height` above the start. up, scale: as in
-    `mesh.read`, but Habitat's unit is the metre. floor: a height [m]; the storey nearest to it instead of the first
-    episode's. Raises SceneError.
+    scenes_dir: the folder that holds what scene_id names, as in gibson/Cantwell.glb. The robots take the episodes on
+    the first one's storey, in order, but for those whose start is not free, whose goal is out of reach, or that come
+    near another's. Cameras stand `Config.camera_height` above the start. up, scale: as in `mesh.read`, but Habitat's
+    unit is the metre. floor: a height [m]; the storey nearest to it instead of the first episode's. Raises SceneError.
     """
     path = Path(path)
     if scenes_dir is None:
@@ -45,11 +44,11 @@ def load(path, scenes_dir, scene: str | None = None, up=None, scale=None, floor=
     episodes = [e for e in episodes if e.scene == name]
     file = _found(path, Path(scenes_dir), name)
     surfaces, notes = mesh.read(file, up, 1.0 if scale is None else scale)
-    floor = _storey(surfaces, episodes, floor)
-    if floor is None:
-        raise SceneError(f"{path}: no episode starts on a floor of {name}; is its up axis right? Try --up")
-    description = f"Habitat episodes, {floor:.2f} m floor"
     try:
+        floor = _storey(surfaces, episodes, floor)
+        if floor is None:
+            raise SceneError("no episode starts on a floor; is the mesh's up axis right? Try --up")
+        description = f"Habitat episodes, {floor:.2f} m floor"
         ground = storeys.ground(file.stem, description, surfaces, floor, n_robots)
     except SceneError as error:
         raise SceneError(f"{path}: {name}: {error}") from None
@@ -58,14 +57,14 @@ def load(path, scenes_dir, scene: str | None = None, up=None, scale=None, floor=
         raise SceneError(
             f"{path}: no episode of {name} has a free start and a goal within reach; is its up axis right?"
         )
-    up_by = [0, 0, Config().camera_height]
-    starts = np.array([[*(e.start + up_by), e.yaw] for e in team])
-    goals = np.array([e.goal + up_by for e in team])
+    eye = [0, 0, Config().camera_height]
+    starts = np.array([[*(e.start + eye), e.yaw] for e in team])
+    goals = np.array([e.goal + eye for e in team])
     ground = dataclasses.replace(ground, starts=np.delete(starts, 2, axis=1), goals=goals[:, :2].copy())
     return Space(ground.name, description, surfaces, ground, floor, starts, goals, notes + skipped)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Episode:
     """One PointNav task: the mesh's name; start (3,) and goal (3,) [m], on the floor, z up; yaw [rad]."""
 
@@ -162,14 +161,15 @@ def _storey(surfaces: Surfaces, episodes: list[Episode], wanted) -> float | None
     """Height [m] of the floor nearest to `wanted`, or of that under the first start that has one."""
     floors = storeys.floors(surfaces)
     if wanted is not None:
-        return min(floors, key=lambda z: abs(z - wanted), default=None)
+        return storeys.nearest(floors, wanted) if floors else None
     starts = np.stack([episode.start for episode in episodes])
     depth, _ = surfaces.cast(starts + np.array([0, 0, STEP]), np.tile([0.0, 0.0, -1.0], (len(starts), 1)))
     below = starts[depth <= 2 * STEP, 2] + STEP - depth[depth <= 2 * STEP]
     if len(below) == 0:
         return None
-    nearest = min(floors, key=lambda z: abs(z - below[0]), default=below[0])
-    return float(nearest if abs(nearest - below[0]) <= storeys.FLAT else below[0])
+    here = float(below[0])
+    floor = storeys.nearest([*floors, here + storeys.APART], here)
+    return floor if abs(floor - here) <= storeys.FLAT else here  # a landing between two storeys
 
 
 def _team(ground: World, floor: float, episodes: list[Episode], n_robots: int) -> tuple[list[Episode], tuple[str, ...]]:

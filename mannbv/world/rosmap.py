@@ -20,7 +20,6 @@ from PIL import Image
 
 from mannbv import grid
 from mannbv.world import cells
-from mannbv.world.cells import cell_edges as cell_edges
 from mannbv.world.flat import SceneError, World
 
 MODES = ("trinary", "scale", "raw")

@@ -1,4 +1,4 @@
-"""The true world of a 3-D episode: textured surfaces that a camera sees, and the plan of the ground that a robot needs."""
+"""The true world of a 3-D episode: the surfaces that a camera sees, and the plan of the ground that a robot needs."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -12,7 +12,8 @@ from mannbv.config import Config
 from mannbv.world import flat
 from mannbv.world.surfaces import Surfaces
 
-BODY = (Config().body_low, Config().body_high)  # [m] above the floor: what a robot can run into
+_DEFAULT = Config()
+BODY = (_DEFAULT.body_low, _DEFAULT.body_high)  # [m] above the floor: what a robot can run into
 SAMPLES = 0.05  # [m] between samples of the surfaces
 
 
@@ -34,7 +35,7 @@ class Space:
     notes: tuple[str, ...] = ()
 
     @staticmethod
-    def over(ground: flat.World, surfaces: Surfaces, floor=0.0, height=Config().camera_height, notes=()) -> "Space":
+    def over(ground: flat.World, surfaces: Surfaces, floor=0.0, height=_DEFAULT.camera_height, notes=()) -> "Space":
         """Surfaces around a plan: its name, starts and goals, with the camera `height` [m] above the `floor`."""
         z = floor + height
         starts = np.insert(ground.starts, 2, z, axis=1)
@@ -47,7 +48,7 @@ class Space:
 
     def placed(self, starts=None, goals=None) -> "Space":
         """With other starts (k, 3) x, y [m], yaw [rad], or goals (k, 2) [m], at the height of the present ones."""
-        z = self.starts[0, 2] if len(self.starts) else self.floor + Config().camera_height
+        z = self.starts[0, 2] if len(self.starts) else self.floor + _DEFAULT.camera_height
         starts = self.starts if starts is None else np.insert(starts, 2, z, axis=1)
         return dataclasses.replace(
             self, starts=starts, goals=self.goals if goals is None else np.insert(goals, 2, z, axis=1)

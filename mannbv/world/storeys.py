@@ -18,7 +18,9 @@ STANDING = 1.4  # [m] of free height above what one can stand on
 APART = 1.8  # [m] between two storeys
 FLAT = 0.1  # [m] a floor may rise or fall so much
 HOLE = 0.3  # [m²] a smaller gap in a scanned floor is closed
+PORCH = 2.5  # [m] ground without walls around counts so far from ground with walls
 RADIUS = 0.1  # [m] the free ground is what a disc of this radius can reach
+_LEVEL = 0.7  # one can stand on what slants less, as a cosine
 _COLUMNS = 150  # vertical lines along the longer side
 _EYES = (1.25, 0.5, 2.0)  # [m] above a floor, where one looks around for walls
 _AROUND = 16  # directions in which one looks
@@ -54,6 +56,13 @@ def floors(surfaces: Surfaces) -> list[float]:
     return sorted(round(floor, 4) + 0.0 for floor in found)  # no −0.00
 
 
+def nearest(heights, wanted) -> float:
+    """The one of `heights` [m] nearest to a wanted one. Raises SceneError for a wish that is no finite number."""
+    if not math.isfinite(wanted):
+        raise SceneError(f"a floor's height must be a finite number [m], got {wanted}; choose another with --floor")
+    return min(heights, key=lambda z: abs(z - wanted))
+
+
 def height(surfaces: Surfaces) -> float:
     """Height of a storey in the surfaces' own unit: floor to ceiling, or that of the walls where no ceiling is.
 
@@ -68,10 +77,9 @@ def height(surfaces: Surfaces) -> float:
     under = level & np.isfinite(gaps) & np.append(False, level[:-1])
     np.maximum.at(largest, column[under], gaps[under])
     rooms = largest[largest > size / 1000]
-    bins = np.round(np.log(rooms) / 0.05).astype(int) if len(rooms) else np.zeros(0, int)
-    if len(rooms):
-        bins -= bins.min()
-        weight = np.convolve(np.bincount(bins, rooms), np.ones(3), "same")
+    if len(rooms) >= 0.2 * len(largest):
+        bins = np.round(np.log(rooms / rooms.min()) / 0.05).astype(int)
+        weight = np.convolve(np.bincount(bins, rooms, minlength=3), np.ones(3), "same")
         common = rooms[np.abs(bins - weight.argmax()) <= 1]
         if len(common) >= 0.2 * len(largest):
             return float(np.median(common))
@@ -80,10 +88,8 @@ def height(surfaces: Surfaces) -> float:
 
 def _walls(surfaces: Surfaces, seen: np.ndarray) -> float:
     """Height of the walls above the most common height (k,) seen from above."""
-    a, b = (surfaces.corners[:, k] - surfaces.corners[:, 0] for k in (1, 2))
-    normal = np.cross(a, b)
-    area = np.linalg.norm(normal, axis=1)
-    upright = np.abs(normal[:, 2]) < 0.1 * area
+    rise, area = _slant(surfaces.corners)
+    upright = rise < 0.1
     if not upright.any() or len(seen) == 0:
         return math.nan
     counts, edges = np.histogram(seen, 100)
@@ -101,9 +107,7 @@ def columns(surfaces: Surfaces, spacing: float) -> tuple[np.ndarray, np.ndarray,
     x, y = (np.arange(low + spacing / 2, high, spacing) for low, high in zip(lower[:2], upper[:2], strict=True))
     origins = np.stack([*(v.ravel() for v in np.meshgrid(x, y, indexing="ij")), np.full(len(x) * len(y), upper[2])], 1)
     origins[:, 2] += spacing
-    a, b = (surfaces.corners[:, k] - surfaces.corners[:, 0] for k in (1, 2))
-    normal = np.cross(a, b)
-    level = np.abs(normal[:, 2]) > 0.7 * np.linalg.norm(normal, axis=1)
+    level = _slant(surfaces.corners)[0] > _LEVEL
     column, above = np.arange(len(origins)), np.full(len(origins), np.inf)
     found = [(np.zeros(0, int), np.zeros((0, 3)), np.zeros(0), np.zeros(0, bool))]
     for _ in range(_LAYERS):
@@ -133,8 +137,9 @@ def _enclosed(surfaces: Surfaces, points: np.ndarray, eyes) -> np.ndarray:
 def free_cells(surfaces: Surfaces, floor: float) -> tuple[grid.Lattice, np.ndarray]:
     """The lattice of a storey's plan, and (nx, ny) bool for the free ground that a robot can reach.
 
-    Free is a cell with floor within `FLAT` of the height `floor` [m] and without any part of a triangle between the
-    heights of `BODY` above it. Raises SceneError for far too large a building.
+    That is the connected region with the most ground indoors, and up to `PORCH` out of it. Free is a cell with floor
+    within `FLAT` of the height `floor` [m] and without any part of a triangle between the heights of `BODY` above it.
+    Raises SceneError for far too large a building.
     """
     low, high = surfaces.lower[:2], surfaces.upper[:2]
     cell = CELL if np.prod((high - low) / CELL) <= _MOST_CELLS else COARSE
@@ -144,11 +149,13 @@ def free_cells(surfaces: Surfaces, floor: float) -> tuple[grid.Lattice, np.ndarr
     lattice = grid.Lattice.around(low - 2 * cell, high + 2 * cell, cell)
     occupied, ground = np.zeros(lattice.shape, bool), np.zeros(lattice.shape, bool)
     cover.cover(surfaces.corners, floor + BODY[0], floor + BODY[1], np.array(lattice.origin), cell, occupied)
-    cover.cover(_level(surfaces.corners), floor - FLAT, floor + FLAT, np.array(lattice.origin), cell, ground)
+    level = surfaces.corners[_slant(surfaces.corners)[0] > _LEVEL]
+    cover.cover(level, floor - FLAT, floor + FLAT, np.array(lattice.origin), cell, ground)
     free = _filled(ground | occupied, round(HOLE / cell**2)) & ~occupied
-    free &= _indoors(surfaces, floor, lattice, free)
+    indoors = _indoors(surfaces, floor, lattice, free)
+    free &= grid.within(indoors, PORCH, cell)
     margin = RADIUS / cell + 0.5  # to the nearest cell's centre, not its edge
-    reached = cells.largest(ndimage.distance_transform_edt(free) >= margin)
+    reached = cells.largest(ndimage.distance_transform_edt(free) >= margin, indoors)
     return lattice, free & (ndimage.distance_transform_edt(~reached) < margin)
 
 
@@ -176,9 +183,11 @@ def _indoors(surfaces: Surfaces, floor: float, lattice: grid.Lattice, free: np.n
     return walled if walled.any() else np.ones_like(free)
 
 
-def _level(corners: np.ndarray) -> np.ndarray:
+def _slant(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How level triangles (f, 3, 3) lie, 1 for a floor and 0 for a wall, and twice their areas."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return corners[np.abs(normal[:, 2]) > 0.7 * np.linalg.norm(normal, axis=1)]
+    area = np.linalg.norm(normal, axis=1)
+    return np.abs(normal[:, 2]) / area, area
 
 
 def _filled(ground: np.ndarray, most: int) -> np.ndarray:

@@ -15,37 +15,50 @@ UP = {  # the world's x, y, z, each as a direction in the file
 UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254, "feet": 0.3048}  # [m]
 STOREY = (2.0, 4.2)  # [m] from floor to ceiling
 USUAL = 2.6  # [m] a storey's height where no unit fits
-_GIANT = 10.0  # a triangle this many times as large as all the rest is cut down to the part near the rest
+_FAR = 10.0  # sizes of all the rest away, or as large
 
 
 def without_strays(surfaces: Surfaces) -> tuple[Surfaces, str]:
     """Without what lies far from the bulk of the triangles; and a note, "" if nothing does.
 
-    The bulk grows from the middle half of all corners: what comes within its own size of it joins. A triangle many
-    times larger, such as a plane of ground, is cut into quarters, and only those near the bulk remain.
+    The bulk grows from the middle half of all corners: what comes within `_FAR` times its size of it joins. Triangles
+    that are `_FAR` times larger than all others together, such as a plane of ground, are halved again and again, and
+    only what lies near the others remains.
     """
-    corners = surfaces.corners
-    low, high = np.quantile(corners.reshape(-1, 3), [0.25, 0.75], axis=0)
-    least, most = corners.min(1), corners.max(1)
-    size = (most - least).max(1)
+    least, most = surfaces.corners.min(1), surfaces.corners.max(1)
+    low, high = np.quantile(surfaces.corners.reshape(-1, 3), [0.25, 0.75], axis=0)
+    near = np.zeros(len(least), bool)
     while True:
-        reach = max((high - low).max(), np.median(size))
-        near = ((least <= high + reach) & (most >= low - reach)).all(1)
-        joins = near & (size <= _GIANT * reach)
-        if not joins.any():
-            return surfaces, ""
-        grown = np.minimum(low, least[joins].min(0)), np.maximum(high, most[joins].max(0))
-        if np.array_equal(grown, (low, high)):
+        reach = _FAR * max((high - low).max(), 1e-9)
+        joined = ((least <= high + reach) & (most >= low - reach)).all(1)
+        if not joined.any() or np.array_equal(joined, near):
             break
-        low, high = grown
-    if near.all() and (size <= _GIANT * reach).all():
+        near = joined
+        low, high = np.minimum(low, least[near].min(0)), np.maximum(high, most[near].max(0))
+    if not near.any():
         return surfaces, ""
-    kept, away = _taken(surfaces, near), int((~near).sum())
-    while (giant := np.ptp(kept.corners, axis=1).max(1) > _GIANT * reach).any():
-        quarters = _quartered(_taken(kept, giant))
-        close = (quarters.corners.min(1) <= high + reach) & (quarters.corners.max(1) >= low - reach)
-        kept = _joined(_taken(kept, ~giant), _taken(quarters, close.all(1)))
-    return kept, f"{away:,} of {len(corners):,} triangles lie far from the rest: left out" if away else ""
+    kept, away = surfaces if near.all() else _taken(surfaces, near), int((~near).sum())
+    note = f"{away:,} of {len(near):,} triangles lie far from the rest: left out" if away else ""
+    return _without_giants(kept), note
+
+
+def _without_giants(surfaces: Surfaces) -> Surfaces:
+    """With only those parts of far too large triangles that lie near the others."""
+    least, most = surfaces.corners.min(1), surfaces.corners.max(1)
+    size = (most - least).max(1)
+    order = np.argsort(size)
+    low, high = np.minimum.accumulate(least[order]), np.maximum.accumulate(most[order])
+    extent = (high - low).max(1)
+    jump = np.flatnonzero(size[order][1:] > _FAR * extent[:-1])
+    jump = jump[jump >= len(order) // 2]  # most of a building is no giant
+    if len(jump) == 0:
+        return surfaces
+    low, high, reach = low[jump[0]], high[jump[0]], extent[jump[0]]
+    while (giant := np.ptp(surfaces.corners, axis=1).max(1) > reach).any():
+        halves = _halved(_taken(surfaces, giant))
+        close = (halves.corners.min(1) <= high + reach) & (halves.corners.max(1) >= low - reach)
+        surfaces = _joined(_taken(surfaces, ~giant), _taken(halves, close.all(1)))
+    return surfaces
 
 
 def _taken(s: Surfaces, which) -> Surfaces:
@@ -57,15 +70,17 @@ def _joined(a: Surfaces, b: Surfaces) -> Surfaces:
     return Surfaces(*(np.concatenate([getattr(a, f), getattr(b, f)]) for f in fields), a.images)
 
 
-def _quartered(s: Surfaces) -> Surfaces:
-    """Every triangle as the four between its corners and the middles of its edges."""
-    one, half = np.eye(3), (np.eye(3) + np.roll(np.eye(3), 1, 1)) / 2  # middles of 0–1, 1–2, 2–0
-    mix = np.stack([[one[0], half[0], half[2]], [half[0], one[1], half[1]], [half[2], half[1], one[2]], half])
-    split = [
-        np.einsum("qij,fjk->fqik", mix, v).reshape(-1, 3, v.shape[2]).astype(v.dtype)
-        for v in (s.corners, s.colors, s.uv)
-    ]
-    return Surfaces(*split, np.repeat(s.image, 4), s.images)
+def _halved(s: Surfaces) -> Surfaces:
+    """Every triangle as the two on both sides of its longest edge's middle."""
+    longest = np.linalg.norm(np.roll(s.corners, -1, 1) - s.corners, axis=2).argmax(1)
+    order = (longest[:, None] + np.arange(3)) % 3  # which makes that edge the first
+
+    def split(values):
+        a, b, c = np.moveaxis(np.take_along_axis(values, order[..., None], 1), 1, 0)
+        middle = (a + b) / 2
+        return np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
+
+    return Surfaces(split(s.corners), split(s.colors), split(s.uv), np.tile(s.image, 2), s.images)
 
 
 def moved(s: Surfaces, rotation: np.ndarray, factor: float) -> Surfaces:
@@ -86,7 +101,7 @@ def up(surfaces: Surfaces) -> str:
     scores = []
     for axis in range(3):
         across = np.abs(normal[:, axis]) > 0.95 * area
-        heights = np.bincount(bins[across, axis], area[across])
+        heights = np.bincount(bins[across, axis], area[across], minlength=1)
         scores.append((np.convolve(heights, [1, 1]) ** 2).sum())
     return "xyz"[int(np.argmax(np.array(scores) * [0.25, 1, 1]))]
 
