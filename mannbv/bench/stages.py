@@ -12,11 +12,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from mannbv import geometry, information, mapping, render, risk
+from mannbv import geometry, information, mapping, render, risk, world
 from mannbv.bench import fresh, rivals, scenes
 from mannbv.bench.sides import Scale, Side, agree, compare
 from mannbv.bench.timing import Result, threads
-from mannbv.camera import Frame
+from mannbv.camera import Camera, Frame
 from mannbv.config import Config
 from mannbv.kernels import blend, space
 from mannbv.kernels.tiles import TILE
@@ -191,6 +191,17 @@ def _taken(room: SplatMap, camera, pose) -> Frame:
     return Frame(drawn.color, torch.where(drawn.opacity > 0.5, drawn.depth / drawn.opacity, 0.0), pose)
 
 
+def sensing(scale: Scale) -> Iterator[Result]:
+    """A frame of RGB-D of the largest bundled building."""
+    place = world.load("wings", dim=3)
+    pose = geometry.yaw_pose(torch.from_numpy(place.starts[0, :3]), place.starts[0, 3])
+    what = f"a frame of RGB-D; {len(place.surfaces.corners):,} triangles"
+    for name, size in (("large", scale.large[1]), ("small", scale.small[1])):
+        camera = Camera.from_fov(size, size)
+        side = Side(f"sense.{name}", f"{what}, {size}×{size} px", partial(place.sense, camera, pose))
+        yield from compare([side], scale, width=size)
+
+
 def curves(scale: Scale) -> Iterator[Result]:
     """Cost on one thread against splats at the large image and pixels with the large map; on both against threads."""
     n_splats, size = scale.large
@@ -235,6 +246,7 @@ STAGES = {
     "profiles": profile,
     "risk field": risk_field,
     "keyframes": keyframes,
+    "sensing": sensing,
     "curves": curves,
     "fresh processes": alone,
 }

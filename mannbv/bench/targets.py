@@ -48,6 +48,7 @@ TARGETS = (
     Target("flat.slopes", 20.0, ratio=True),
     Target("space.steps", 20.0, ratio=True),
     Target("keyframe", 0.5),
+    Target("sense.large", 0.6),
     Target("first.warm", 1.0),
     Target("first.cold", 25.0),
     Target("memory", 4e9),
