@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.special import erfinv
 from torch import Tensor
 
@@ -90,11 +90,14 @@ def field(
     level: float = _DEFAULT.level,
     measure: str = "avar",
     spread: str = "largest",
+    posterior: Float[Tensor, "n d"] | None = None,
 ) -> Float[Tensor, " k"]:
     """α at points (k, d) [m], Eq. (9): exactly the smallest risk over all splats; +inf on an empty map.
 
     measure: a name in `MEASURES`. spread: σ of an anisotropic splat is its "largest" standard deviation, or that
-    "along" the line of sight, √(nᵀ Σ n). Raises ValueError for an unknown name or a level outside (0, 1).
+    "along" the line of sight n, √(nᵀ Σ n). posterior (n, d): the variances of each splat's mean [m²], by
+    `information.mean_variances`; they widen σ² by nᵀ P n, P = diag(posterior), for a splat may also stand elsewhere.
+    Raises ValueError for an unknown name, a level outside (0, 1), or variances that are negative or none of this map's.
     """
     _check(level)
     if measure not in MEASURES:
@@ -104,38 +107,72 @@ def field(
     points = torch.as_tensor(points)
     if points.ndim != 2 or points.shape[1] != splat_map.dim:
         raise ValueError(f"risk: points must be (k, {splat_map.dim}) beside this map, got {tuple(points.shape)}")
+    if posterior is not None and posterior.shape != splat_map.means.shape:
+        shapes = f"{tuple(splat_map.means.shape)} beside this map, got {tuple(posterior.shape)}"
+        raise ValueError(f"risk: posterior must be {shapes}")
     if not (splat_map.n_splats and len(points)):
         return torch.full((len(points),), math.inf).to(splat_map.means)
-    inputs = (points, splat_map.means, splat_map.log_scales)
+    inputs = (points, splat_map.means, splat_map.log_scales, *(() if posterior is None else (posterior,)))
     if not all(bool(torch.isfinite(t).all()) for t in inputs):
-        raise ValueError("risk: splats and points must be finite")
+        raise ValueError("risk: splats, points and posterior must be finite")
+    if posterior is not None and bool((posterior < 0).any()):
+        raise ValueError(f"risk: a variance of a mean must not be negative, got {posterior.min():g}")
     rule = MEASURES[measure]
     if rule.linear and spread == "largest" and not any(t.requires_grad for t in inputs):
-        return _linear(splat_map, points, -float(rule.function(0.0, 1.0, level)))
+        return _linear(splat_map, points, -float(rule.function(0.0, 1.0, level)), posterior)
     rows = max(1, 2_000_000 // splat_map.n_splats)  # bounds the memory of a chunk
-    return torch.cat([_every_splat(splat_map, part, level, rule, spread) for part in points.split(rows)])
+    return torch.cat([_every_splat(splat_map, part, level, rule, spread, posterior) for part in points.split(rows)])
 
 
-def _every_splat(splat_map: SplatMap, points: Tensor, level, rule: Measure, spread: str) -> Tensor:
+def _every_splat(splat_map: SplatMap, points: Tensor, level, rule: Measure, spread: str, posterior) -> Tensor:
     away = points[:, None].to(splat_map.means) - splat_map.means
     distance = torch.linalg.norm(away, dim=-1)
     std = splat_map.scales.amax(1).expand_as(distance)
-    if spread == "along":
-        sight = away / distance.clamp_min(1e-12)[..., None]
-        along = torch.einsum("kni,nij,knj->kn", sight, splat_map.covariances(), sight).clamp_min(1e-24).sqrt()
-        std = torch.where(distance > 1e-12, along, std)  # on a mean every line of sight is one: the worst
+    if spread == "along" or posterior is not None:
+        covariance = splat_map.covariances() if spread == "along" else torch.zeros_like(splat_map.covariances())
+        covariance = covariance if posterior is None else covariance + torch.diag_embed(posterior.to(covariance))
+        alike = 0 if spread == "along" else std**2  # what is the same in every direction
+        sight = away / distance.clamp_min(kernel.ON)[..., None]
+        along = torch.einsum("kni,nij,knj->kn", sight, covariance, sight)
+        worst = torch.linalg.eigvalsh(covariance)[:, -1]  # on a mean every line of sight is one
+        std = (alike + torch.where(distance > kernel.ON, along, worst)).clamp_min(1e-24).sqrt()
     return rule.function(distance, std, level).amin(1)
 
 
-def _linear(splat_map: SplatMap, points: Tensor, factor: float) -> Tensor:
+def _linear(splat_map: SplatMap, points: Tensor, factor: float, posterior: Tensor | None) -> Tensor:
     """min (distance − factor · σ), box by box of splats: exact, and far fewer than k · n distances."""
-    means, std = (t.detach().double().cpu().numpy() for t in (splat_map.means, splat_map.scales.amax(1)))
-    where = points.detach().double().cpu().numpy()
+    wide = torch.zeros(0, splat_map.dim) if posterior is None else posterior
+    tensors = points, splat_map.means, splat_map.scales.amax(1), wide
+    where, means, std, wide = (np.ascontiguousarray(t.detach().double().numpy(force=True)) for t in tensors)
     if not np.isfinite(std).all():  # a finite log-scale may be too large for its exponential
         raise ValueError("risk: splats and points must be finite")
     order = kernel.ordered(means) if len(where) > 256 else np.arange(len(means))  # sorting pays for many points
-    risk = kernel.lowest(means[order], factor * std[order], np.ascontiguousarray(where))
+    risk = kernel.lowest(means[order], std[order], wide[order] if len(wide) else wide, factor, where)
     return torch.from_numpy(risk).to(splat_map.means)
+
+
+def in_reach(splat_map: SplatMap, height, config: Config) -> Bool[Tensor, " n"]:
+    """Which splats (n,) count for the risk of a robot whose camera is at `height` (d − 2,) [m], [] in flatland.
+
+    Those opaque enough (`risk_opacity`) and, in 3-D, between `body_low` and `body_high` above the floor; without that
+    cut the floor alone would make every place look dangerous.
+    """
+    floor = torch.as_tensor(height).to(splat_map.means) - config.camera_height
+    above = splat_map.means[:, 2:] - floor
+    standing = ((above >= config.body_low) & (above <= config.body_high)).all(1)
+    return standing & (splat_map.opacities >= config.risk_opacity)
+
+
+def along(
+    splat_map: SplatMap, points, config: Config, posterior: Float[Tensor, "n d"] | None = None, **options
+) -> Float[Tensor, " k"]:
+    """α of a robot's waypoints (k, d) [m], all at the height of its camera, by the constants of `config`: `field` over
+    the splats `in_reach`; posterior and options: as there."""
+    points = torch.as_tensor(points)
+    near = in_reach(splat_map, points[0, 2:], config) if len(points) else torch.zeros(0, dtype=torch.bool)
+    if len(points) and not bool(near.all()):
+        splat_map, posterior = splat_map.select(near), None if posterior is None else posterior[near]
+    return field(splat_map, points, config.level, config.measure, posterior=posterior, **options)
 
 
 def total(

@@ -43,7 +43,7 @@ def read(folder) -> dict:
 
 def timeless(results: dict) -> dict:
     results = json.loads(json.dumps(results))
-    for part in [*results["rows"], *results["summary"].values()]:
+    for part in [*results["rows"], *results["summary"].values(), *results["episodes"]]:
         part.pop("seconds")
     return results
 
@@ -68,7 +68,7 @@ def registry():
 
 def test_results_have_the_promised_form(done):
     results = read(done.folder)
-    assert list(results) == ["mannbv", "scene", "dim", "robots", "seeds", "config", "rows", "summary"]
+    assert list(results) == ["mannbv", "scene", "dim", "robots", "seeds", "config", "rows", "summary", "episodes"]
     assert (results["scene"], results["dim"], results["robots"], results["seeds"]) == ("flat", 2, 2, [0, 1])
     assert Config(**results["config"]) == TINY
     asked = [(name, seed, robot) for name in NAMES for seed in (0, 1) for robot in (0, 1)]

@@ -32,7 +32,7 @@ def compare_figure(results: dict, record: Record, world) -> Figure:
         made = Figure(figsize=(WIDTH, height))
         which = f"{len(results['seeds'])} seeds" if several else f"seed {results['seeds'][0]}"
         ways = f"{n_strategies} strategies" if n_strategies > 1 else record.strategy
-        team.headline(made, f"{results['scene']}: {results['robots']} robots, {ways}, {which}")
+        team.headline(made, f"{team.scene_of(record)}: {results['robots']} robots, {ways}, {which}")
         ax = placed(made, 0.85, top, plan_width, plan_height)
         team.trails(
             ax, record, world, whole, f"Ways taken, {record.strategy}, seed {record.seed}: {team.standing(record)}"
@@ -43,7 +43,7 @@ def compare_figure(results: dict, record: Record, world) -> Figure:
             row, column = divmod(k, 2)
             spot = left + column * (width + 0.4), top + row * (tall + _GAP), width, tall
             scores(placed(made, *spot), results, *panel, shown=record.strategy, named=column == 0)
-        team.beliefs(made, shot, whole, below)
+        team.beliefs(made, shot, whole, below, record.config)
         dots = "seeds, bars 95 % intervals (an arrow: it goes on)" if several else "robots"
         team.key(made, f"Upper right: diamonds are means, dots {dots}. {team.shown(record, shot)}")
     return made

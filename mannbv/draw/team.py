@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import matplotlib.patheffects as effects
 import numpy as np
+import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from mannbv import study
+from mannbv import risk, study
 from mannbv.config import Config
 from mannbv.draw import canvas, parts
 from mannbv.draw.canvas import INK, PALE, placed, robot_color
@@ -24,7 +25,7 @@ WIDTH = 16.0  # inches of every team picture
 _LEFT, _RIGHT, _GAP, _TITLE, _AXIS = 0.85, 0.95, 0.14, 0.3, 0.48
 _HEAD, KEY_HEIGHT = 0.5, 1.0
 _COLUMNS = 5
-_HALO = [effects.withStroke(linewidth=2.5, foreground="white")]
+HALO = [effects.withStroke(linewidth=2.5, foreground="white")]
 
 
 @dataclass(frozen=True)
@@ -70,14 +71,15 @@ def team_figure(record: Record, world, config: Config | None = None, cycle: int 
     with canvas.style():
         made = Figure(figsize=(WIDTH, height))
         headline(
-            made, f"{record.scene}: {record.n_robots} robots, {record.strategy}, seed {record.seed}; {standing(record)}"
+            made,
+            f"{scene_of(record)}: {record.n_robots} robots, {record.strategy}, seed {record.seed}; {standing(record)}",
         )
         trails(placed(made, _LEFT, top, plan_width, plan_height), record, world, whole, "Ways taken")
         left = _LEFT + plan_width + 1.1
         width = (WIDTH - left - 0.3 - 0.75) / 2
         approach(placed(made, left, top, width, plan_height), record, shot.cycle)
         growth(placed(made, left + width + 0.75, top, width, plan_height), record, shot.cycle)
-        beliefs(made, shot, whole, below)
+        beliefs(made, shot, whole, below, record.config)
         key(made, shown(record, shot))
     return made
 
@@ -113,21 +115,34 @@ def _over_cycles(ax: Axes, cycle: int, title: str, unit: str) -> None:
 
 def explored(record: Record, world) -> Window:
     """The part of the plan that some robot has seen, as far as it is the building."""
+    seen, building = known(record), parts.plan_of(world)
+    lower, upper = np.maximum(seen.lower, building.lower - 0.2), np.minimum(seen.upper, building.upper + 0.2)
+    return _shapely(Window(lower, upper))
+
+
+def known(record: Record) -> Window:
+    """The ground that some robot has seen, with its way and its goal."""
     corners = [np.stack([robot.goal[:2], *robot.trail[:, :2]]) for robot in record.robots]
     for robot in record.robots:
         lattice = robot.ground.lattice
         corners.append(lattice.centers(np.argwhere(robot.ground.state != UNKNOWN)))
     points = np.concatenate(corners)
-    lower = np.maximum(points.min(0) - 0.3, world.lower[:2] - 0.2)
-    upper = np.minimum(points.max(0) + 0.3, world.upper[:2] + 0.2)
-    seen = Window(lower, upper)
-    return seen.shaped(min(max(seen.aspect, 0.45), 1.25))
+    return _shapely(Window(points.min(0) - 0.3, points.max(0) + 0.3))
+
+
+def _shapely(window: Window) -> Window:
+    return window.shaped(min(max(window.aspect, 0.45), 1.25))
 
 
 def standing(record: Record) -> str:
     """How far the team is, in words."""
     at_goal = sum(robot.status == "reached" for robot in record.robots)
     return f"{at_goal} of {record.n_robots} at their goals after {len(record.cycles)} cycles"
+
+
+def scene_of(record: Record) -> str:
+    """A record's scene, for a title."""
+    return study.setting(record.scene, record.robots[0].local.splats.dim)
 
 
 def headline(made: Figure, text: str) -> None:
@@ -139,8 +154,14 @@ def shown(record: Record, shot: Snapshot) -> str:
     """Which moment the beliefs show."""
     return (
         f"Lower rows ({record.strategy}): paths, masked zones and views as planned in cycle {shot.cycle + 1} of "
-        f"{len(record.cycles)}, on the maps and with the risk of the end."
-    )
+        f"{len(record.cycles)}, on the maps and with the risk of the end.\n{heights(record)}"
+    ).strip()
+
+
+def heights(record: Record) -> str:
+    """Which splats a view from above shows; nothing in flatland."""
+    low, high = record.config.body_low, record.config.body_high
+    return {3: f"From above: splats {low:g} to {high:g} m over the floor."}.get(record.robots[0].local.splats.dim, "")
 
 
 def trails(ax: Axes, record: Record, world, window: Window, title: str) -> None:
@@ -152,12 +173,12 @@ def trails(ax: Axes, record: Record, world, window: Window, title: str) -> None:
     for robot in record.robots:
         color = robot_color(robot.index)
         ax.plot(*robot.goal[:2], "*", color=color, markersize=14, markeredgecolor="white", zorder=6)
-        _badge(ax, robot.trail[0], robot.index)
+        badge(ax, robot.trail[0], robot.index)
     window.on(ax)
     ax.set_title(title, loc="left")
 
 
-def _badge(ax: Axes, place, index: int, size=11) -> None:
+def badge(ax: Axes, place, index: int, size=11) -> None:
     """A robot: a dot with its number."""
     ax.plot(place[0], place[1], "o", color=robot_color(index), markersize=size, markeredgecolor="white", zorder=7)
     ax.annotate(
@@ -181,7 +202,7 @@ def _panel_width() -> float:
     return (WIDTH - _LEFT - _RIGHT - (_COLUMNS - 1) * _GAP) / _COLUMNS
 
 
-def beliefs(made: Figure, shot: Snapshot, whole: Window, top) -> None:
+def beliefs(made: Figure, shot: Snapshot, whole: Window, top, config: Config) -> None:
     """Two panels a robot, five robots a row: its risk field, and its belief around its path."""
     width = _panel_width()
     height = width * whole.aspect
@@ -201,10 +222,11 @@ def beliefs(made: Figure, shot: Snapshot, whole: Window, top) -> None:
         else:
             _row_name(made, "risk α", above, height)
             _row_name(made, "belief", above + height + _AXIS, height)
-            bar = made.colorbar(image, cax=placed(made, WIDTH - _RIGHT + 0.12, above, 0.14, height), extend="both")
+            right = _LEFT + min(len(shot.portraits), _COLUMNS) * (width + _GAP) - _GAP
+            bar = made.colorbar(image, cax=placed(made, right + 0.12, above, 0.14, height), extend="both")
             bar.set_label("α, AV@R distance [m]")
         ax = placed(made, left, above + height + _AXIS, width, height)
-        belief(ax, portrait)
+        belief(ax, portrait, config)
         near.on(ax)
         scale_bar(ax, near)
 
@@ -223,28 +245,34 @@ def fear(ax: Axes, portrait: Portrait, low: float, high: float, near: Window):
     ax.add_patch(
         Rectangle(near.lower, *near.size, fill=False, edgecolor=INK, linewidth=0.8, linestyle=(0, (4, 2)), zorder=5)
     )
-    _badge(ax, portrait.position, portrait.index, 9)
+    badge(ax, portrait.position, portrait.index, 9)
     title = f"robot {portrait.index}: {portrait.belief.splats.n_splats:,} splats"
     ax.set_title(title, loc="left", color=robot_color(portrait.index), weight="bold", fontsize=9)
     return image
 
 
-def belief(ax: Axes, portrait: Portrait) -> None:
-    """A robot's map around its path: the masked zone and its splats, the chosen view, and what others suggest."""
+def belief(ax: Axes, portrait: Portrait, config: Config) -> None:
+    """A robot's map around its path: the masked zone and its splats, the chosen view, and what others suggest.
+
+    In 3-D, from above: the splats that its body could meet.
+    """
     color = robot_color(portrait.index)
     parts.ground(ax, portrait.belief.occupancy)
-    chosen = np.zeros(portrait.belief.splats.n_splats, bool)
+    shown = risk.in_reach(portrait.belief.splats, portrait.position[2:], config)
+    chosen = torch.zeros_like(shown)
     if portrait.zone is not None:
         parts.zone(ax, portrait.path, portrait.zone.radii, color)
-        chosen = portrait.zone.selected.numpy()
-    parts.splats(ax, portrait.belief.splats.select(~chosen), opacity=0.35)
-    parts.splats(ax, portrait.belief.splats.select(chosen), edge=INK)
+        chosen = portrait.zone.selected
+    parts.splats(ax, portrait.belief.splats.select(shown & ~chosen), opacity=0.35).set_rasterized(
+        True
+    )  # not ten thousand shapes in .svg
+    parts.splats(ax, portrait.belief.splats.select(shown & chosen), edge=INK).set_rasterized(True)
     parts.path(ax, portrait.path.reshape(-1, len(portrait.position)), color)
     if portrait.view is not None:
         for mate, yaw, _ in portrait.suggestions:
-            _ray(ax, portrait.view, yaw, robot_color(mate), length=1.05)
+            ray(ax, portrait.view, yaw, robot_color(mate), length=1.05)
         parts.view(ax, portrait.view, portrait.chosen, length=0.8, color=color)
-    _badge(ax, portrait.position, portrait.index, 10)
+    badge(ax, portrait.position, portrait.index, 10)
     ax.set_xticks([])
     ax.set_yticks([])
     ax.set_xlabel("")
@@ -253,10 +281,11 @@ def belief(ax: Axes, portrait: Portrait) -> None:
         side.set_visible(True)
 
 
-def _ray(ax: Axes, place, yaw, color, length) -> None:
+def ray(ax: Axes, place, yaw, color, length) -> None:
+    """A view that is only suggested: a line along its yaw."""
     away = np.array([math.cos(yaw), math.sin(yaw)])
     ends = np.stack([place[:2], place[:2] + length * away])
-    ax.plot(ends[:, 0], ends[:, 1], color=color, linewidth=1.6, zorder=6, path_effects=_HALO)
+    ax.plot(ends[:, 0], ends[:, 1], color=color, linewidth=1.6, zorder=6, path_effects=HALO)
 
 
 def closeup(portrait: Portrait, aspect) -> Window:
@@ -272,9 +301,9 @@ def closeup(portrait: Portrait, aspect) -> Window:
 def scale_bar(ax: Axes, window: Window) -> None:
     """One metre, at the lower left."""
     x, y = window.lower + 0.05 * window.size.min()
-    ax.plot([x, x + 1], [y, y], color=INK, linewidth=2.5, solid_capstyle="butt", zorder=9, path_effects=_HALO)
+    ax.plot([x, x + 1], [y, y], color=INK, linewidth=2.5, solid_capstyle="butt", zorder=9, path_effects=HALO)
     ax.annotate(
-        "1 m", (x + 0.5, y), (0, 3), textcoords="offset points", ha="center", fontsize=8, path_effects=_HALO, zorder=9
+        "1 m", (x + 0.5, y), (0, 3), textcoords="offset points", ha="center", fontsize=8, path_effects=HALO, zorder=9
     )
 
 

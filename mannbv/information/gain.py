@@ -23,10 +23,14 @@ def damping(dim: int, config: Config = _DEFAULT) -> Float[Tensor, " p"]:
 
 def default_damping(prior: Tensor) -> Float[Tensor, " p"]:
     """`damping` for the dimension whose parameters are the columns of `prior` (n, p)."""
+    return damping(_dim_of(prior))
+
+
+def _dim_of(prior: Tensor) -> int:
     dims = {n_parameters(dim): dim for dim in (2, 3)}
     if prior.shape[1] not in dims:
         raise ValueError(f"gain: the prior has {prior.shape[1]} columns, not 9 (flatland) or 13; give a damping for it")
-    return damping(dims[prior.shape[1]])
+    return dims[prior.shape[1]]
 
 
 def worth_of(prior: Tensor, weights, selected, damping) -> Tensor:
@@ -60,20 +64,42 @@ def _check_rows(name: str, values: Tensor, prior: Tensor) -> None:
 
 
 def _traces(acquired: Tensor, prior: Tensor, damping: Tensor) -> Tensor:
-    """tr(h (H + Λ)⁻¹) of each splat's blocks (n, p, p), in float64: blocks of few views are all but singular.
+    """tr(h (H + Λ)⁻¹) of each splat's blocks (n, p, p), in float64: blocks of few views are all but singular."""
+    factor = _factor(prior, damping)
+    half = torch.linalg.solve_triangular(factor, acquired.double(), upper=False)
+    whole = torch.linalg.solve_triangular(factor, half.transpose(1, 2), upper=False)
+    return torch.diagonal(whole, dim1=1, dim2=2).sum(1).to(prior)
+
+
+def _factor(prior: Tensor, damping: Tensor) -> Tensor:
+    """Cholesky's factor of H + Λ (n, p, p), in float64.
 
     What rounding may have taken from H is given back to its diagonal, so that it stays positive.
     """
     slack = prior.shape[-1] * torch.finfo(prior.dtype).eps * torch.diagonal(prior, dim1=1, dim2=2)
-    known = prior.double() + damping.double() + torch.diag_embed(slack.double())
-    factor, faults = torch.linalg.cholesky_ex(known)
+    factor, faults = torch.linalg.cholesky_ex(prior.double() + damping.double() + torch.diag_embed(slack.double()))
     if bool(faults.any()):
         raise ValueError(
             "gain: prior + damping must be positive definite; give a damping above 0 for splats never seen"
         )
-    half = torch.linalg.solve_triangular(factor, acquired.double(), upper=False)
-    whole = torch.linalg.solve_triangular(factor, half.transpose(1, 2), upper=False)
-    return torch.diagonal(whole, dim1=1, dim2=2).sum(1).to(prior)
+    return factor
+
+
+def mean_variances(prior: Float[Tensor, "n p"] | Float[Tensor, "n p p"], damping=None) -> Float[Tensor, "n d"]:
+    """Posterior variances [m²] of each splat's mean, by what past views tell of it: 1 / (H + λ), its own columns.
+
+    Of `blocks` (n, p, p): the diagonal of (H + Λ)⁻¹, which also holds what the mean shares with the splat's other
+    parameters; its covariances are left out. damping: as in `gain`. For `risk.field(..., posterior=...)`.
+    """
+    dim = _dim_of(prior)
+    damping = torch.as_tensor(default_damping(prior) if damping is None else damping).to(prior).expand(prior.shape[1])
+    if prior.ndim == 3:
+        inverse = torch.cholesky_inverse(_factor(prior, torch.diag_embed(damping)))
+        return torch.diagonal(inverse, dim1=1, dim2=2)[:, :dim].to(prior)
+    known = prior[:, :dim] + damping[:dim]
+    if not bool((known > 0).all()):
+        raise ValueError("gain: prior + damping must be positive; give a damping above 0 for splats never seen")
+    return 1 / known
 
 
 def gain(

@@ -10,6 +10,7 @@ from mannbv import __version__, episode, messages, team
 from mannbv.config import Config
 from mannbv.episode import Record
 from mannbv.messages import Ledger
+from mannbv.study.growth import episode_of, is_episode
 from mannbv.study.summary import summarise
 
 KEYS = ("mannbv", "scene", "dim", "robots", "seeds", "config", "rows", "summary")
@@ -31,10 +32,14 @@ def rows_of(record: Record) -> list[dict]:
     return rows
 
 
-def assemble(scene: str, dim: int, n_robots: int, config: Config, rows: list[dict]) -> dict:
-    """The content of `results.json`; rows are sorted by strategy, seed and robot."""
+def assemble(scene: str, dim: int, n_robots: int, config: Config, rows: list[dict], episodes=()) -> dict:
+    """The content of `results.json`; rows are sorted by strategy, seed and robot, episodes (`episode_of`) likewise."""
     order = {name: k for k, name in enumerate(team.REGISTRY)}
-    rows = sorted(rows, key=lambda r: (order.get(r["strategy"], len(order)), r["strategy"], r["seed"], r["robot"]))
+
+    def rank(entry: dict) -> tuple:
+        return order.get(entry["strategy"], len(order)), entry["strategy"], entry["seed"], entry.get("robot", 0)
+
+    rows = sorted(rows, key=rank)
     rows = [{key: _plain(value) for key, value in row.items()} for row in rows]
     return {
         "mannbv": __version__,
@@ -45,6 +50,7 @@ def assemble(scene: str, dim: int, n_robots: int, config: Config, rows: list[dic
         "config": dataclasses.asdict(config),
         "rows": rows,
         "summary": summarise(rows),
+        "episodes": sorted(episodes, key=rank),
     }
 
 
@@ -61,7 +67,7 @@ def save(results: dict, path) -> None:
 
 
 def load(path) -> dict:
-    """Read `results.json`. Raises StudyError for anything else."""
+    """Read `results.json`; one written before there were "episodes" has none. Raises StudyError for anything else."""
     path = Path(path)
     try:
         results = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
@@ -84,6 +90,9 @@ def load(path) -> dict:
     kinds = {"config": dict, "scene": str, "robots": int, "dim": int}
     if not all(isinstance(results[key], kind) for key, kind in kinds.items()):
         raise StudyError(f"{path}: its {', '.join(kinds)} are not those of compare; run the same compare again")
+    episodes = results.setdefault("episodes", [])
+    if not isinstance(episodes, list) or not all(is_episode(entry, results["robots"]) for entry in episodes):
+        raise StudyError(f"{path}: its episodes are not those of compare; run the same compare again to rewrite it")
     return results
 
 
@@ -109,7 +118,8 @@ def gather(paths) -> tuple[list[dict], list[str]]:
             record = episode.load(file)
             if record.finished:
                 dim = record.robots[0].local.splats.dim
-                found.append(assemble(record.scene, dim, record.n_robots, record.config, rows_of(record)))
+                told = rows_of(record), [episode_of(record)]
+                found.append(assemble(record.scene, dim, record.n_robots, record.config, *told))
             else:
                 left_out.append(f"{file}: not finished ({len(record.cycles)} cycles so far), left out")
     groups = {}
@@ -121,6 +131,16 @@ def gather(paths) -> tuple[list[dict], list[str]]:
     if not merged:
         raise StudyError(left_out[0] if left_out else f"{', '.join(map(str, paths))}: no finished run in there")
     return merged, left_out
+
+
+def run_files(paths) -> list[Path]:
+    """The run files (.npz) that stand behind what `gather` is given: themselves, or those beside a `results.json`."""
+    found = []
+    for path in map(Path, paths):
+        folder = path if path.is_dir() else path.parent
+        beside = sorted(folder.glob("runs/*.npz")) or sorted(folder.glob("*.npz"))
+        found += [path] if path.suffix == ".npz" else beside
+    return list(dict.fromkeys(found))
 
 
 def _files(path: Path) -> list[Path]:
@@ -141,7 +161,8 @@ def _files(path: Path) -> list[Path]:
 def _merge(group: list[dict]) -> dict:
     """One of several results of the same scene, team and constants; a run that is there twice counts once."""
     rows = {(row["strategy"], row["seed"], row["robot"]): row for results in group for row in results["rows"]}
-    first = group[0]
-    merged = assemble(first["scene"], first["dim"], first["robots"], Config(), list(rows.values()))
+    episodes = {(told["strategy"], told["seed"]): told for results in group for told in results["episodes"]}
+    about, first = ("scene", "dim", "robots"), group[0]
+    merged = assemble(*(first[key] for key in about), Config(), list(rows.values()), episodes.values())
     # as it was written, perhaps by a version with other constants
     return merged | {"mannbv": first["mannbv"], "config": first["config"]}

@@ -4,11 +4,14 @@ Observe → fit → plan → share → evaluate → agree → move. Each stage t
 and returns a new record; after evaluate a map is only carried forward. Only share and agree communicate.
 """
 
+import math
 import time
 
 import numpy as np
+import torch
 
-from mannbv import messages, objective
+from mannbv import information, messages, objective, risk, splats
+from mannbv.config import Config
 from mannbv.team.agreement import agree, suggest
 from mannbv.team.robots import Mission, Robot
 from mannbv.team.stages import move, observe, plan
@@ -21,6 +24,7 @@ def cycle(robots: list[Robot], mission: Mission, post: messages.Post, number: in
     robots = [observe(robot, mission, number) for robot in robots]  # "update G_i" of the cycle before, line 20
     clock.mark("map")
     robots = [plan(robot, mission, number) for robot in robots]  # T_i, P_i: the input, line 1
+    forecasts = [_forecast(robot, mission.config) for robot in robots]
     clock.mark("plan")
     robots = strategy.share(robots, mission, post, number)  # lines 4-5
     clock.mark("share")
@@ -32,7 +36,7 @@ def cycle(robots: list[Robot], mission: Mission, post: messages.Post, number: in
     clock.mark("agree")
     report = {
         "cycle": number,
-        "robots": [_describe(robot, yaw) for robot, yaw in zip(robots, yaws, strict=True)],
+        "robots": [_describe(robot, yaw) | told for robot, yaw, told in zip(robots, yaws, forecasts, strict=True)],
         "suggestions": suggestions,
         "residuals": residuals,
         "team_gain": objective.team(gains, yaws),
@@ -58,6 +62,26 @@ def _describe(robot: Robot, yaw: float) -> dict:
         "path": [] if view is None else view.path.tolist(),
         "subgoals": [] if robot.route is None else robot.route.candidates.tolist(),
     }
+
+
+def _forecast(robot: Robot, config: Config) -> dict:
+    """α [m] of the announced waypoints on what the robot believed when it planned them, None where nothing is near.
+
+    "risk": with σ the splats' own; "risk_inflated": with what their means' posterior variances add.
+    """
+    if robot.index not in robot.plans:
+        return {"risk": [], "risk_inflated": []}
+    both = splats.union(robot.local.splats, robot.guests.splats)
+    prior = torch.cat([robot.local.prior, robot.guests.prior])
+    path = torch.from_numpy(np.asarray(robot.plans[robot.index].path))
+    posterior = information.mean_variances(prior, information.damping(both.dim, config))
+    own, inflated = risk.along(both, path, config), risk.along(both, path, config, posterior)
+    return {"risk": _plain(own), "risk_inflated": _plain(inflated)}
+
+
+def _plain(values: torch.Tensor) -> list[float | None]:
+    """JSON has no infinity."""
+    return [value if math.isfinite(value) else None for value in values.tolist()]
 
 
 class _Clock:
