@@ -3,13 +3,14 @@ import math
 import numpy as np
 import pytest
 import torch
-from helpers import random_map, shifted
+from helpers import camera_for, random_map, random_pose, shifted
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from mannbv import risk, splats
+from mannbv import information, risk, splats
+from mannbv.config import Config
 from mannbv.splats import SplatMap
 
 LEVELS = [0.01, 0.1, 0.5, 0.9]
@@ -80,11 +81,12 @@ def test_samples_must_be_numbers(samples):
         risk.sampled(samples, 0.1)
 
 
-def by_hand(splat_map, points, level, measure, spread):
-    """Eq. (9) splat by splat."""
+def by_hand(splat_map, points, level, measure, spread, posterior=None):
+    """Eq. (9) splat by splat; posterior (n, d): variances of the means, which add to the spread along the sight."""
     means, covariances = splat_map.means.numpy(), splat_map.covariances().numpy()
+    wide = np.zeros_like(means) if posterior is None else posterior
     result = np.full(len(points), np.inf)
-    for mean, covariance in zip(means, covariances, strict=True):
+    for mean, covariance, variances in zip(means, covariances, wide, strict=True):
         away = points - mean
         distance = np.sqrt((away**2).sum(1))
         if spread == "largest":
@@ -92,6 +94,8 @@ def by_hand(splat_map, points, level, measure, spread):
         else:
             sight = away / distance[:, None]
             std = np.sqrt(((sight @ covariance) * sight).sum(1))
+        if posterior is not None:
+            std = np.sqrt(std**2 + (away**2 / (distance**2)[:, None]) @ variances)
         quantile = norm.ppf(level)
         factor = {"avar": -norm.pdf(quantile) / level, "var": quantile, "mean": 0.0}[measure]
         result = np.minimum(result, distance + factor * std)
@@ -233,3 +237,130 @@ def test_what_the_field_refuses(rng):
         broken = SplatMap(splat_map.means * math.nan, *splat_map.tensors()[1:])
         with pytest.raises(ValueError, match="must be finite"):
             risk.field(broken, points, spread=spread)
+
+
+# ---- what is unsure of the means ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("spread", ["largest", "along"])
+@pytest.mark.parametrize("measure", ["avar", "var", "mean"])
+def test_the_inflated_field_agrees_with_brute_force(dim, spread, measure, rng):
+    for n in (1, 7, 150):
+        splat_map, points = random_map(rng, n, dim), rng.uniform(-4, 4, (300, dim))
+        posterior = rng.uniform(0, 0.3, (n, dim)) ** 2
+        for level in LEVELS:
+            found = risk.field(splat_map, torch.from_numpy(points), level, measure, spread, torch.from_numpy(posterior))
+            expected = by_hand(splat_map, points, level, measure, spread, posterior)
+            assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+            if measure != "mean" and level != 0.5:
+                # neither the plain field nor one widened by the largest variance in all directions may pass for it
+                for wrong in (None, posterior.max(1, keepdims=True) * np.ones(dim)):
+                    other = by_hand(splat_map, points, level, measure, spread, wrong)
+                    assert np.abs(other - expected).max() > 1e-5
+
+
+@pytest.mark.parametrize("spread", ["largest", "along"])
+def test_what_is_unsure_only_along_the_wall_does_not_bring_it_nearer(spread, rng):
+    one = random_map(rng, 1, 2)
+    one = SplatMap(torch.zeros(1, 2, dtype=torch.float64), *one.tensors()[1:])
+    points = torch.tensor([[2.0, 0.0], [0.0, 2.0]], dtype=torch.float64)
+    before = risk.field(one, points, spread=spread)
+    along_y = torch.tensor([[0.0, 0.25]], dtype=torch.float64)
+    after = risk.field(one, points, spread=spread, posterior=along_y)
+    assert after[0] == before[0]
+    assert after[1] < before[1] - 0.1
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_sure_means_change_nothing_and_unsure_ones_never_look_safer(dim, rng):
+    splat_map, points = random_map(rng, 60, dim), torch.from_numpy(rng.uniform(-4, 4, (400, dim)))
+    sure = torch.zeros(60, dim, dtype=torch.float64)
+    for spread in ("largest", "along"):
+        before = risk.field(splat_map, points, spread=spread)
+        assert_allclose(risk.field(splat_map, points, spread=spread, posterior=sure), before, rtol=1e-12)
+        last = before
+        for variance in (1e-4, 1e-3, 1e-2):
+            now = risk.field(splat_map, points, spread=spread, posterior=sure + variance)
+            assert (now < last).all()
+            last = now
+
+
+def test_on_a_mean_the_inflated_spread_is_the_worst(rng):
+    one, wide = random_map(rng, 1, 3), torch.tensor([[0.01, 0.09, 0.04]], dtype=torch.float64)
+    covariance = one.covariances()[0].numpy()
+    factor = norm.pdf(norm.ppf(0.1)) / 0.1
+    for spread, worst in (
+        ("largest", np.linalg.eigvalsh(covariance)[-1] + 0.09),
+        ("along", np.linalg.eigvalsh(covariance + np.diag(wide[0].numpy()))[-1]),
+    ):
+        for points in (one.means, one.means.expand(2, 3)):
+            assert_allclose(risk.field(one, points, 0.1, spread=spread, posterior=wide), -factor * math.sqrt(worst))
+
+
+def test_the_inflated_field_is_the_same_for_few_and_many_points_and_differentiates(rng):
+    splat_map, points = random_map(rng, 400, 3), torch.from_numpy(rng.uniform(-4, 4, (600, 3)))
+    posterior = torch.from_numpy(rng.uniform(0, 0.05, (400, 3)))
+    whole = risk.field(splat_map, points, posterior=posterior)
+    assert torch.equal(whole[:10], risk.field(splat_map, points[:10], posterior=posterior))
+    order = torch.from_numpy(rng.permutation(400))
+    assert_allclose(whole, risk.field(splat_map.select(order), points, posterior=posterior[order]), rtol=1e-12)
+    few = torch.from_numpy(rng.uniform(-4, 4, (5, 3))).requires_grad_()
+    some, wide = splat_map.select(order[:20]), posterior[:20].clone().requires_grad_()
+    for spread in ("largest", "along"):
+        assert torch.autograd.gradcheck(lambda p, v, s=spread: risk.field(some, p, spread=s, posterior=v), (few, wide))
+
+
+def test_risk_along_a_path_takes_the_variances_of_the_splats_in_reach(rng):
+    splat_map, posterior = random_map(rng, 80, 3), torch.from_numpy(rng.uniform(0, 0.05, (80, 3)))
+    config = Config(risk_opacity=0.5)
+    path = torch.from_numpy(np.column_stack([rng.uniform(-2, 2, (9, 2)), np.full(9, 0.5)]))
+    near = risk.in_reach(splat_map, path[0, 2:], config)
+    assert 5 < near.sum() < 40
+    expected = by_hand(splat_map.select(near), path.numpy(), 0.1, "avar", "largest", posterior[near].numpy())
+    assert_allclose(risk.along(splat_map, path, config, posterior), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_variance_of_a_mean_is_that_of_the_inverse_information(dim, rng):
+    splat_map, camera = random_map(rng, 30, dim), camera_for(dim, 24)
+    poses = [random_pose(rng, dim) for _ in range(2)]
+    diagonal, blocks = (information.prior(splat_map, camera, poses, block) for block in (False, True))
+    damping = information.damping(dim).double()
+    by_diagonal, by_blocks = information.mean_variances(diagonal), information.mean_variances(blocks)
+    assert_allclose(by_diagonal, 1 / (diagonal + damping)[:, :dim], rtol=1e-12)
+    inverse = np.linalg.inv(blocks.numpy() + np.diag(damping.numpy()))
+    assert_allclose(by_blocks, np.diagonal(inverse, axis1=1, axis2=2)[:, :dim], rtol=1e-6)
+    assert (by_blocks >= by_diagonal * (1 - 1e-9)).all()  # what else is unknown of a splat never helps
+    assert float((by_blocks / by_diagonal).max()) > 1.01
+    unseen = information.mean_variances(torch.zeros(2, len(damping)))
+    assert_allclose(unseen, 0.01)  # 0.1 m before any view
+    assert_allclose(information.mean_variances(diagonal, 7.0), 1 / (diagonal[:, :dim] + 7.0))
+    for prior in (torch.zeros(1, len(damping)), torch.zeros(1, len(damping), len(damping))):
+        with pytest.raises(ValueError, match="give a damping above 0"):
+            information.mean_variances(prior, 0.0)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_posterior_widens_the_field_as_far_as_samples_of_the_means_do(dim, rng):
+    """The mean square of where a splat stands along a far sight is what nᵀ P n says."""
+    variances = rng.uniform(0.01, 0.2, dim) ** 2
+    point = rng.normal(size=dim) * 50
+    means = rng.normal(0, np.sqrt(variances), (400_000, dim))
+    spread = np.linalg.norm(point - means, axis=1).std()
+    tensor = torch.from_numpy
+    one = random_map(rng, 1, dim)
+    one = SplatMap(torch.zeros(1, dim, dtype=torch.float64), one.log_scales * 0 - 20, *one.tensors()[2:])
+    found = risk.field(one, tensor(point[None]), 0.1, posterior=tensor(variances[None]))
+    assert_allclose(np.linalg.norm(point) - found, spread * norm.pdf(norm.ppf(0.1)) / 0.1, rtol=0.01)
+
+
+def test_what_the_inflated_field_refuses(rng, unchecked):
+    splat_map, points = random_map(rng, 3, 2), torch.zeros(1, 2)
+    for bad, message in (
+        (torch.zeros(2, 2), r"posterior must be \(3, 2\) beside this map, got \(2, 2\)"),
+        (torch.full((3, 2), -1.0), "a variance of a mean must not be negative, got -1"),
+        (torch.full((3, 2), math.nan), "must be finite"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            risk.field(splat_map, points, posterior=bad)
