@@ -94,7 +94,8 @@ class Config:
     rounds: int = _constant(30, "1", "T_ADMM")
     tolerance: float = _constant(0.01, "rad", "agreement ends when both residuals are smaller")
     codec: str = _constant("json", "", "what messages are written in: json or binary", "paper VI-D: JSON")
-    # limited sharing
+    # sharing
+    share_scale: float = _constant(0.0, "m", "splats with a larger std are not sent; 0: all are")
     guest_splats: int = _constant(400, "1", "splats sent along with a suggested view, at most", "paper VI-D")
 
     def __post_init__(self):
@@ -142,7 +143,7 @@ class Config:
 # For maps of space, chosen here: a splat to four pixels, finer where those fail; a room at 128×128 takes some 24,000.
 SPACE = Config(
     insert_spacing=2, densify_error=0.05, fit_steps=48, fit_older=8, learning_rate=0.5, moments="kept",
-    risk_opacity=0.5, block_opacity=0.5,
+    risk_opacity=0.5, block_opacity=0.5, share_scale=0.1,
 )  # fmt: skip
 
 # By dimension and name. "paper": images, cells, steps and turns of Section VI-B; "quick": an episode to wait for.

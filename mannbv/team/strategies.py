@@ -1,5 +1,6 @@
 """Share and evaluate: the two stages that a strategy replaces. The paper's four, and a place for a user's own."""
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -50,9 +51,22 @@ def share_guests(robots: list[Robot], mission: Mission, post: messages.Post, cyc
 def share_maps(robots: list[Robot], mission: Mission, post: messages.Post, cycle: int) -> list[Robot]:
     """centralized: plans, whole maps and grids to every teammate, so that each holds ⊔ G_i, Eq. (16)."""
     robots = share_plans(robots, mission, post, cycle)
-    whole = [messages.Splats(r.index, cycle, r.local.splats, r.local.ids, r.local.prior, whole=1) for r in robots]
+    fit = [r.local.select(worth_sharing(r, mission)) for r in robots]
+    whole = [
+        messages.Splats(r.index, cycle, m.splats, m.ids, m.prior, whole=1) for r, m in zip(robots, fit, strict=True)
+    ]
     robots = _flood(robots, whole, mission, post, cycle)
     return _flood(robots, [messages.Grid.of(r.index, cycle, r.ground) for r in robots], mission, post, cycle)
+
+
+def worth_sharing(robot: Robot, mission: Mission) -> torch.Tensor:
+    """Which of its splats (n,) a robot sends: no wider than `share_scale`.
+
+    What was seen from afar is wide. On the robot's own map it is all there is of a place; merged with a teammate's map,
+    which may know that place better, it hangs like a haze before everything (measured in notebook 15).
+    """
+    widest = mission.config.share_scale or math.inf
+    return robot.local.splats.scales.amax(1) <= widest
 
 
 def view_cone(robot: Robot, mission: Mission, position: np.ndarray, yaw: float, cycle: int) -> messages.Splats:
@@ -60,7 +74,7 @@ def view_cone(robot: Robot, mission: Mission, position: np.ndarray, yaw: float, 
     camera, local = mission.camera, robot.local
     seen = geometry.yaw_pose(position, yaw).to(local.splats.means).local(local.splats.means)
     half = torch.tensor(camera.size) / 2 / camera.focal
-    inside = (seen[:, -1] > 0) & (seen[:, :-1].abs() <= half * seen[:, -1:]).all(1)
+    inside = (seen[:, -1] > 0) & (seen[:, :-1].abs() <= half * seen[:, -1:]).all(1) & worth_sharing(robot, mission)
     rows = torch.nonzero(inside)[:, 0]
     order = torch.argsort(torch.linalg.norm(seen[rows], dim=1), stable=True)
     rows = rows[order[: mission.config.guest_splats]]
