@@ -69,6 +69,7 @@ class Config:
     measure: str = _constant("avar", "", "risk measure, a name in risk.MEASURES", "paper III-C")
     level: float = _constant(0.1, "1", "ε, the worst share of outcomes")
     risk_opacity: float = _constant(0.0, "1", "fainter splats count for no risk")
+    risk_from: str = _constant("body", "", "in 3-D, distances to splats are from the robot's body or from its camera")
     block_opacity: float = _constant(1.0, "1", "splats more opaque block cells that no depth has shown; 1: none does")
     # masks, Eqs. (10)-(13)
     r_min: float = _constant(0.5, "m", "smallest mask radius, Eq. (10)")
@@ -111,6 +112,8 @@ class Config:
             object.__setattr__(self, f.name, kind(value))  # numbers of numpy cannot be written as JSON
         if not 0 < self.level < 1:
             raise ValueError(f"config: level must lie strictly between 0 and 1, got {self.level}")
+        if self.risk_from not in ("body", "camera"):
+            raise ValueError(f"config: risk_from must be body or camera, got {self.risk_from}")
         if not self.body_low < self.body_high:
             raise ValueError(f"config: body_low must be below body_high, got {self.body_low} and {self.body_high}")
         if not self.fov < math.pi:

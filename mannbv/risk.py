@@ -3,6 +3,7 @@
 α is a distance in metres: smaller means more dangerous, negative means that the bad outcomes lie beyond contact.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -167,11 +168,20 @@ def along(
     splat_map: SplatMap, points, config: Config, posterior: Float[Tensor, "n d"] | None = None, **options
 ) -> Float[Tensor, " k"]:
     """α of a robot's waypoints (k, d) [m], all at the height of its camera, by the constants of `config`: `field` over
-    the splats `in_reach`; posterior and options: as there."""
+    the splats `in_reach`; posterior and options: as there.
+
+    In 3-D a robot is as tall as it is: a splat beside its body is as far away as the two are horizontally. With
+    `risk_from` "camera" the distance is the paper's ‖μ − p‖, slantwise from the camera to low things.
+    """
     points = torch.as_tensor(points)
-    near = in_reach(splat_map, points[0, 2:], config) if len(points) else torch.zeros(0, dtype=torch.bool)
-    if len(points) and not bool(near.all()):
+    if not len(points):
+        return field(splat_map, points, config.level, config.measure, **options)
+    near = in_reach(splat_map, points[0, 2:], config)
+    if not bool(near.all()):
         splat_map, posterior = splat_map.select(near), None if posterior is None else posterior[near]
+    if config.risk_from == "body":
+        height = points[:1, 2:].to(splat_map.means).expand(splat_map.n_splats, -1)
+        splat_map = dataclasses.replace(splat_map, means=torch.cat([splat_map.means[:, :2], height], 1))
     return field(splat_map, points, config.level, config.measure, posterior=posterior, **options)
 
 

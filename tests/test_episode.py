@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from mannbv import episode, risk, world
+from mannbv import episode, metrics, risk, world
 from mannbv.config import PRESETS, Config
 from mannbv.grid import FREE, OCCUPIED
 
@@ -204,14 +204,13 @@ def test_a_robot_in_space_stays_at_camera_height_and_keeps_clear_of_what_stands_
 
 
 def test_what_a_robot_in_space_takes_for_ground_is_ground(spatial):
-    record, config = spatial
+    record, _ = spatial
     known, place = record.robots[0].ground, world.load("flat", dim=3)
     centers = known.lattice.centers().reshape(-1, 2)
     clear = place.clearance(centers).reshape(known.lattice.shape)
     inside = place.inside(centers).reshape(known.lattice.shape)
     assert (clear[(known.state == OCCUPIED) & inside] <= 0.05).all()  # a surface in each, at most half a diagonal away
     assert (known.state == FREE).sum() > 3000
-    print((clear[(known.state == FREE) & inside] > 0).mean())
     assert (clear[(known.state == FREE) & inside] > 0).mean() > 0.97
 
 
@@ -221,8 +220,26 @@ def test_risk_in_space_is_of_what_the_body_can_touch(spatial):
     own, path = robot.local.splats, torch.from_numpy(np.array(record.cycles[-1]["robots"][0]["path"]))
     height = own.means[:, 2].numpy()
     reach = (height >= 0.1) & (height <= 1.3) & (own.opacities.numpy() >= config.risk_opacity)
-    away = torch.cdist(path, own.means[torch.from_numpy(reach)].double())
     std = own.scales[torch.from_numpy(reach)].double().amax(1)
-    expected = (away - 1.7549833193248685 * std).amin(1)  # of a Gaussian's worst tenth: exp(−ι²) / (0.1 √(2π))
-    assert torch.allclose(risk.along(own, path, config).double(), expected, atol=1e-5)
+    for axes, measured_from in ((2, "body"), (3, "camera")):
+        away = torch.cdist(path[:, :axes], own.means[torch.from_numpy(reach), :axes].double())
+        expected = (away - 1.7549833193248685 * std).amin(1)  # of a Gaussian's worst tenth: exp(−ι²) / (0.1 √(2π))
+        found = risk.along(own, path, config.replace(risk_from=measured_from)).double()
+        assert torch.allclose(found, expected, atol=1e-5)
     assert (risk.field(own, path, config.level) < expected - 0.01).any()  # elsewhere floor and ceiling count
+
+
+def test_risk_on_the_true_surfaces_is_the_clearance():
+    """By the body; a robot's camera is farther from low furniture than its body is."""
+    config = SPACE
+    place = world.load("flat", dim=3)
+    lattice, free = place.free_grid(0.05, 0.1)
+    spots = lattice.centers(np.argwhere(free)[::97])
+    path = np.column_stack([spots, np.full(len(spots), config.camera_height)])
+    surfaces = metrics.true_surfaces(place)
+    body, camera = (
+        risk.along(surfaces, torch.from_numpy(path), config.replace(risk_from=name)).numpy()
+        for name in ("body", "camera")
+    )
+    assert np.abs(body - place.clearance(path)).max() < 0.02
+    assert (camera > body - 1e-6).all() and (camera > body + 0.1).any()

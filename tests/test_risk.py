@@ -317,7 +317,12 @@ def test_risk_along_a_path_takes_the_variances_of_the_splats_in_reach(rng):
     path = torch.from_numpy(np.column_stack([rng.uniform(-2, 2, (9, 2)), np.full(9, 0.5)]))
     near = risk.in_reach(splat_map, path[0, 2:], config)
     assert 5 < near.sum() < 40
-    expected = by_hand(splat_map.select(near), path.numpy(), 0.1, "avar", "largest", posterior[near].numpy())
+    chosen, variances = splat_map.select(near), posterior[near].numpy()
+    expected = by_hand(chosen, path.numpy(), 0.1, "avar", "largest", variances)
+    slantwise = config.replace(risk_from="camera")
+    assert_allclose(risk.along(splat_map, path, slantwise, posterior), expected, rtol=1e-9)
+    level = SplatMap(chosen.means * torch.tensor([1.0, 1.0, 0.0]) + torch.tensor([0, 0, 0.5]), *chosen.tensors()[1:])
+    expected = by_hand(level, path.numpy(), 0.1, "avar", "largest", variances)
     assert_allclose(risk.along(splat_map, path, config, posterior), expected, rtol=1e-9)
 
 

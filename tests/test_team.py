@@ -99,6 +99,20 @@ def test_centralized_robots_hold_the_union_of_all_maps_and_grids(crew, place):
     assert int((later[1].guests.senders == 0).sum()) == 5  # a whole map replaces the one before
 
 
+@pytest.mark.parametrize("strategy", ["centralized", "limited"])
+def test_splats_wider_than_the_share_scale_stay_at_home(crew, place, strategy):
+    widths = torch.cat([robot.local.splats.scales.amax(1) for robot in crew])
+    limit = float(widths.median())
+    robots, _, _ = after(crew, place, strategy, SMALL.replace(share_scale=limit))
+    without, _, _ = after(crew, place, strategy)
+    for robot, other in zip(robots, without, strict=True):
+        assert 0 < robot.guests.splats.n_splats
+        assert robot.guests.splats.scales.max() <= limit < other.guests.splats.scales.max()
+        assert robot.local is other.local
+    if strategy == "centralized":
+        assert sum(r.guests.splats.n_splats for r in robots) == 2 * int((widths <= limit).sum())
+
+
 @pytest.mark.parametrize("graph", ["ring", "line", "star"])
 def test_plans_reach_everyone_over_any_connected_graph_and_only_over_its_links(crew, place, graph):
     robots, mission, post = after(crew, place, "distributed", graph=graph)
