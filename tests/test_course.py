@@ -91,7 +91,7 @@ def test_every_notebook_and_record_has_a_copy_the_same_byte_for_byte_each_time(c
     assert contents(tmp_path / "again") == contents(course)
     records = {f"records/{path.name}" for path in (ROOT / "notebooks" / "records").iterdir()}
     assert set(contents(course)) == {path.name for path in NOTEBOOKS} | records
-    assert len(LESSONS) == 14
+    assert len(LESSONS) == 15
 
 
 def test_an_answer_keeps_its_imports_signatures_and_docstrings_and_loses_all_else(small):

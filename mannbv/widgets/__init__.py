@@ -9,6 +9,7 @@ from mannbv.widgets.masks import masks_along_a_path
 from mannbv.widgets.messages import messages
 from mannbv.widgets.paths import risk_weight
 from mannbv.widgets.player import player
+from mannbv.widgets.replay import replay
 from mannbv.widgets.risk import risk_field
 from mannbv.widgets.walk import walk
 
@@ -20,6 +21,7 @@ __all__ = [
     "masks_along_a_path",
     "messages",
     "player",
+    "replay",
     "risk_field",
     "risk_weight",
     "splat_and_camera",

@@ -34,7 +34,8 @@ class Film:
         first = {len(r.cycles): r for r in records if not r.finished}  # a finished one has mapped once more
         self.kept = all(k + 1 in first for k in range(len(self.cycles)))
         self._crews = [first[k + 1].robots if self.kept else self.last.robots for k in range(len(self.cycles))]
-        self.place = world.load(self.last.scene) if place is None else place
+        dim = len(self.last.robots[0].position)
+        self.place = world.load(self.last.scene, dim=dim) if place is None else place
         self.stops = [_stops(self.last, k) for k in range(self.last.n_robots)]
         self.measures = {
             "way to the goal done [%]": self._done,
@@ -46,7 +47,7 @@ class Film:
             self.measures |= {"α on its way [m]": self._risks, "PSNR of its map [dB]": self._quality}
         self.measured = functools.cache(lambda name: self.measures[name]())
         self.belief = functools.cache(lambda cycle, k: self._crews[cycle][k].belief())
-        self.field = functools.cache(lambda cycle, k: study.moment.ground_risk(self.belief(cycle, k), self.last.config))
+        self.field = functools.cache(self._field)
         self.way_risk = functools.cache(self._way_risk)
 
     def ground(self, cycle: int, k: int) -> Occupancy:
@@ -94,6 +95,10 @@ class Film:
             [cycle["team_gain"] for cycle in self.cycles], best, np.full(len(best), np.nan), where=best > 0
         )
         return 100 * share[:, None]
+
+    def _field(self, cycle: int, k: int) -> np.ndarray:
+        rest = self.last.robots[k].position[2:]
+        return study.moment.ground_risk(self.belief(cycle, k), self.last.config, rest)
 
     def _way_risk(self, cycle: int, k: int) -> float:
         """The total risk of the path planned in a cycle, on the map it was planned on [m]; nan without a path."""

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from mannbv import draw, grid
+from mannbv.draw import parts
 from mannbv.draw.canvas import GROUND, INK, PALE, RISK_MAP, UNKNOWN
 
 REACH = 2.0  # standard deviations that a splat's ellipse shows
@@ -136,7 +137,8 @@ def ground(occupancy: grid.Occupancy) -> dict:
 
 
 def walls(world) -> list[dict]:
-    """The surfaces of a plan, each in its colour."""
+    """The surfaces of a plan, or of the ground of a space, each in its colour."""
+    world = parts.plan_of(world)
     return [
         line(segment, mpl.colors.to_hex(color), 2.2)
         for segment, color in zip(world.segments.reshape(-1, 2, 2), world.colors, strict=True)

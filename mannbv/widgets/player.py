@@ -55,12 +55,12 @@ def _small_team() -> Film:
 
 
 def _picture(film: Film, cycle, robot, layer, chart, probe):
-    time, number = cycle, min(int(cycle), len(film.cycles) - 1)
+    time, number = cycle, min(int(cycle + 1e-6), len(film.cycles) - 1)  # sliders add up 0.05
     told, belief, config = film.told(number, robot), film.belief(number, robot), film.last.config
     spot = planner.raised(np.array(probe)[None], film.last.robots[robot].position[2:])
     alpha = float(risk.field(belief.splats, torch.from_numpy(spot), config.level, config.measure)[0])
     clear = float(film.place.clearance(spot)[0])
-    panels = [_place(film, time, number, robot, layer, probe, alpha, clear), _chart(film, time, robot, chart)]
+    panels = [_place(film, time, number, robot, layer, probe, alpha, clear), chart_panel(film, time, robot, chart)]
     if layer == "risk on its map":
         panels.append(items.color_bar((505, 75, 12, 250), *_scale(film), "α [m]"))
     says = f"cycle {number}, robot {robot} {told['status']}, {told['splats']} splats"
@@ -79,9 +79,9 @@ def _scale(film: Film) -> tuple[float, float]:
     return min(0.0, float(np.quantile(known, 0.01))), float(np.quantile(known, 0.995))
 
 
-def _place(film: Film, time, cycle: int, robot: int, layer: str, probe, alpha, clear) -> dict:
-    shown = _layer(film, cycle, robot, layer)
-    told, color = film.told(cycle, robot), draw.robot_color(robot)
+def crew(film: Film, time, cycle: int, robot: int) -> list[dict]:
+    """Everybody's way, place and goal at a time; of one robot the plan, the agreed view and the one it announced."""
+    shown, told, color = [], film.told(cycle, robot), draw.robot_color(robot)
     for k in range(film.last.n_robots):
         trail, here, yaw = film.stand(time, k)
         goal, own = film.last.robots[k].goal, draw.robot_color(k)
@@ -91,14 +91,24 @@ def _place(film: Film, time, cycle: int, robot: int, layer: str, probe, alpha, c
         shown.append(items.line(told["path"], color, 2.0, dash=(6, 4)))
         shown.append(items.view(told["view"], told["chosen"], film.last.config.fov, 1.0, color, 0.3))
         shown.append(items.view(told["view"], told["announced"], film.last.config.fov, 0.8, PALE, 0.0))
+    return shown
+
+
+def key(robot: int) -> list[tuple]:
+    """The legend of `crew`."""
+    return [("way", draw.robot_color(robot), "line"), ("plan, view", draw.robot_color(robot), "dash"),
+            ("view alone", PALE, "line")]  # fmt: skip
+
+
+def _place(film: Film, time, cycle: int, robot: int, layer: str, probe, alpha, clear) -> dict:
+    shown = _layer(film, cycle, robot, layer) + crew(film, time, cycle, robot)
     angle = np.linspace(0, 2 * np.pi, 61)
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
     shown.append(items.line(np.array(probe) + clear * ring, INK, 1.2))
     shown.append(items.line(np.array(probe) + max(alpha, 0.0) * ring, INK, 1.2, dash=(3, 3)))
     shown.append(items.handle("probe", probe, "the probe: α and the true distance here", "#ffffff"))
     when = "" if film.kept or layer == "true plan" else ", as at the end"
-    legend = [("way", color, "line"), ("plan, view", color, "dash"), ("view alone", PALE, "line")]
-    legend += [("probe: true distance", INK, "line"), ("α", INK, "dash")]
+    legend = [*key(robot), ("probe: true distance", INK, "line"), ("α", INK, "dash")]
     lower, upper = film.place.lower - 0.2, film.place.upper + 0.2
     return items.plan((50, 45, 405, 295), lower, upper, shown, title=f"robot {robot}: {layer}{when}", legend=legend)
 
@@ -113,7 +123,8 @@ def _layer(film: Film, cycle: int, robot: int, layer: str) -> list[dict]:
     return [items.cells(film.field(cycle, robot), film.belief(cycle, robot).occupancy.lattice, *_scale(film))]
 
 
-def _chart(film: Film, time, robot: int, chart: str) -> dict:
+def chart_panel(film: Film, time, robot: int, chart: str, box=(605, 65, 240, 260)) -> dict:
+    """One number of every robot over the cycles, with the time as a handle to drag."""
     values = film.measured(chart)
     low, high = (float(f(values)) for f in (np.nanmin, np.nanmax)) if np.isfinite(values).any() else (0.0, 1.0)
     rim = 0.06 * (high - low) or 1.0
@@ -130,6 +141,6 @@ def _chart(film: Film, time, robot: int, chart: str) -> dict:
     )
     names = [("team" if team else str(k), color, "line") for k, color in enumerate(colors)]
     return items.panel(
-        (605, 65, 240, 260), (0, len(film.cycles)), (low - rim, high + rim), shown,
+        box, (0, len(film.cycles)), (low - rim, high + rim), shown,
         xlabel="cycle [1]: drag the time", title=chart, legend=names,
     )  # fmt: skip

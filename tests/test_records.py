@@ -1,0 +1,112 @@
+"""tools/records.py: what notebook 15 reads is what was run, shortened as it says, and faults are named in one line."""
+
+import importlib.util
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mannbv import episode, study, world
+from mannbv.config import PRESETS
+from mannbv.widgets.reel import Reel
+
+ROOT = Path(__file__).resolve().parent.parent
+SMALL = {"image_width": 16, "image_height": 16, "fit_steps": 4, "n_yaws": 36, "rounds": 4, "n_subgoals": 2}
+SHIPPED = ROOT / "notebooks" / "records"
+
+
+@pytest.fixture(scope="module")
+def records():
+    spec = importlib.util.spec_from_file_location("records", ROOT / "tools" / "records.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """A folder of runs of the flat, in the plane and in space."""
+    folder = tmp_path_factory.mktemp("evaluation")
+    for dim, strategy in ((3, "distributed"), (2, "distributed"), (2, "single")):
+        config = PRESETS[dim]["quick"].replace(**SMALL, max_cycles=2)
+        path = folder / f"{dim}" / "runs" / f"{strategy}-0.npz"
+        episode.run(world.load("flat", dim=dim), strategy, config, n_robots=2, path=path)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(records, runs, tmp_path_factory):
+    out = tmp_path_factory.mktemp("records")
+    assert records.main(["evaluation", str(runs / "2"), str(runs / "3"), "--out", str(out)]) == 0
+    with np.load(out / "15_evaluation.npz", allow_pickle=False) as file:
+        return {name: file[name] for name in file.files}
+
+
+def test_scores_are_those_of_the_runs_to_six_digits(made, runs):
+    several, _ = study.gather([runs / "2", runs / "3"])
+    kept = json.loads(bytes(made["results"]))
+    assert [(one["dim"], len(one["rows"])) for one in kept] == [(one["dim"], len(one["rows"])) for one in several]
+    for ours, theirs in zip(kept, several, strict=True):
+        assert ours["episodes"][0]["splats"] == theirs["episodes"][0]["splats"]
+        for row, true in zip(ours["rows"], theirs["rows"], strict=True):
+            numbers = {key: value for key, value in true.items() if isinstance(value, float)}
+            assert {key: row[key] for key in numbers} == pytest.approx(numbers, rel=1e-5) and len(numbers) > 5
+            assert row | numbers == true
+
+
+def test_waypoints_are_forecasts_to_the_millimetre(made, runs, records, monkeypatch):
+    place, run = world.load("flat", dim=3), episode.load(runs / "3" / "runs" / "distributed-0.npz")
+    told = study.forecasts([run], place)
+    assert np.abs(made["waypoint_alpha"] / 1000 - told.alpha).max() <= 0.00051
+    assert np.abs(made["waypoint_clearance"] / 1000 - place.clearance(_paths(run))).max() <= 0.00051
+    assert np.array_equal(made["waypoint_robot"], told.robot)
+    monkeypatch.setattr(records, "WAYPOINTS", 10)
+    thin = records._forecasts(2, place, [run])
+    assert 5 <= len(thin["waypoint_robot"]) <= 10 and thin["waypoint_robot"].min() >= 2000
+    assert set(thin["waypoint_clearance"]) <= set(made["waypoint_clearance"])
+
+
+def _paths(record) -> np.ndarray:
+    """Announced waypoints (k, 3) [m] whose α is known."""
+    told = [robot for cycle in record.cycles for robot in cycle["robots"]]
+    return np.array([
+        point
+        for robot in told
+        for point, *alpha in zip(robot["path"], robot["risk"], robot["risk_inflated"], strict=True)
+        if None not in alpha
+    ])  # fmt: skip
+
+
+def test_views_are_those_of_the_distributed_run(made, runs):
+    run = episode.load(runs / "3" / "runs" / "distributed-0.npz")
+    views = study.same_views(run, world.load("flat"))
+    assert np.allclose(made["view_share"], views.share, atol=1e-6) and np.array_equal(made["view_robot"], views.robot)
+
+
+def test_an_episode_becomes_a_record_and_a_reel_that_belong_together(records, tmp_path, monkeypatch):
+    monkeypatch.setattr(records, "PRESETS", {3: {"quick": PRESETS[3]["quick"].replace(**SMALL, max_cycles=1)}})
+    assert records.main(["episode", "--out", str(tmp_path)]) == 0
+    record, reel = episode.load(tmp_path / "15_episode.npz"), Reel.load(tmp_path / "15_reel.npz")
+    assert record.n_robots == 5 and record.finished and len(record.rows) == 5
+    assert reel.state.shape == (1, 5, *record.robots[0].ground.lattice.shape)
+    assert np.array_equal(reel.state[-1], [robot.ground.state for robot in record.robots])
+
+
+def test_what_is_shipped_fits_together_and_is_small():
+    record, reel = episode.load(SHIPPED / "15_episode.npz"), Reel.load(SHIPPED / "15_reel.npz")
+    assert reel.state.shape[:2] == (len(record.cycles), record.n_robots)
+    assert np.array_equal(reel.state[-1], [robot.ground.state for robot in record.robots])
+    assert sum(path.stat().st_size for path in SHIPPED.glob("15_*")) <= 1_000_000
+
+
+@pytest.mark.parametrize(("asked", "words"), [(["evaluation", "{}/none"], "no such file"), (["evaluation"], "folders")])
+def test_faults_are_told_in_one_line_and_nothing_is_written(records, tmp_path, capsys, asked, words):
+    command = [part.format(tmp_path) for part in asked] + ["--out", str(tmp_path / "out")]
+    try:
+        code = records.main(command)
+    except SystemExit as error:
+        code = error.code
+    told = capsys.readouterr().err
+    assert code == 2 and words in told and "Traceback" not in told
+    assert not list(tmp_path.rglob("*.npz"))
