@@ -190,9 +190,11 @@ def _compare(arguments) -> int:
         _print_tables(results)
         from mannbv import draw
 
-        figure = draw.compare_figure(results, *_shown(outcome, place))
-        draw.save(figure, out / FIGURE)
-        print(f"Figure:  {out / FIGURE}\nResults: {out / 'results.json'}")
+        record, drawn = _shown(outcome, place)
+        if record.cycles:  # max_cycles may be 0
+            draw.save(draw.compare_figure(results, record, drawn), out / FIGURE)
+            print(f"Figure:  {out / FIGURE}")
+        print(f"Results: {out / 'results.json'}")
     if outcome.failures:
         sys.stdout.flush()
         raise ValueError(

@@ -80,6 +80,9 @@ def load(path) -> Record:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             about = json.loads(bytes(archive["about"]).decode())
             robots = tuple(_unpack(k, archive) for k in range(about["n_robots"]))
+        lost = {f.name for f in dataclasses.fields(Config)} - set(about["config"])
+        if lost and not about["finished"]:  # it cannot go on as it began
+            raise ValueError(f"an unfinished run of another version, without {sorted(lost)[0]}")
         return Record(
             about["scene"], about["strategy"], about["seed"], Config().replace(**about["config"]),
             tuple(about["cycles"]), robots, Ledger.from_json(about["ledger"]), tuple(about["rows"]), about["finished"],
@@ -145,7 +148,7 @@ def draw_team(place, n_robots: int, seed: int, config: Config):
 
     Seed 0 takes the first pairs. Raises ValueError where the team cannot start or a goal is out of reach.
     """
-    place = place.at_height(config.camera_height)
+    place = place.suited(config)
     rng = np.random.default_rng([seed, 2_147_483_647])  # a stream that no robot draws from
     pairs = min(len(place.starts), len(place.goals))
     order = np.arange(pairs) if seed == 0 else rng.permutation(pairs)

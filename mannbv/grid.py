@@ -92,9 +92,11 @@ class Occupancy:
         A surface hit there is taken as certain. A ray says that a cell is free where it runs at most `LOW` above
         `low`, or ends on the floor: something may stand beneath higher ones. These count only around the robot, too
         near for the steepest ray to be low, and only where nothing is known yet. Where something was hit, rays that
-        clear the cell say little (`DOUBT`): it may hang above them.
+        clear the cell say little (`DOUBT`): it may hang above them. A ray that falls through the floor blocks the cell.
         """
-        origin, ends, hits = np.asarray(origin, float), np.asarray(ends, float), np.asarray(hits, bool)
+        origin, ends, hits = np.asarray(origin, float), np.array(ends, float), np.asarray(hits, bool)
+        sinks = hits & (ends[:, 2] < low - LOW)  # to a storey below, through a hole that one would fall into
+        ends[sinks] = origin + (ends[sinks] - origin) * ((origin[2] - low) / (origin[2] - ends[sinks, 2]))[:, None]
         along, fall = (ends - origin)[:, :2], origin[2] - ends[:, 2]
         length = np.linalg.norm(along, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -105,7 +107,7 @@ class Occupancy:
         start = np.broadcast_to(origin[:2], along.shape)
         window = self._window(start, ends)
         above, _ = self._crossed(window, start, start + leave[:, None] * along, np.zeros(len(ends), bool))
-        blocked = hits & (ends[:, 2] >= low) & (ends[:, 2] <= high)
+        blocked = sinks | (hits & (ends[:, 2] >= low) & (ends[:, 2] <= high))
         tell = blocked | ((enter < 1) & (hits | (ends[:, 2] >= low)))  # where no floor is met there may be none
         begin = start + enter[:, None] * along
         clear, hit = self._crossed(window, begin[tell], ends[tell, :2], blocked[tell])

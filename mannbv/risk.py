@@ -188,5 +188,5 @@ def along(
 def total(
     splat_map: SplatMap, path: Float[Tensor, "k d"], level: float = _DEFAULT.level, measure: str = "avar"
 ) -> float:
-    """Mean risk of a path's waypoints (k, d) [m], Section VI-C; higher is safer."""
+    """Mean risk of a path's waypoints (k, d) [m] over all splats, Section VI-C; higher is safer. In 3-D see `along`."""
     return field(splat_map, path, level, measure).mean().item()

@@ -1,13 +1,17 @@
 """tools/records.py: what notebook 15 reads is what was run, shortened as it says, and faults are named in one line."""
 
 import importlib.util
+import itertools
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
-from mannbv import episode, study, world
+from mannbv import episode, geometry, render, splats, study, world
+from mannbv.camera import Camera
 from mannbv.config import PRESETS
 from mannbv.widgets.reel import Reel
 
@@ -28,7 +32,7 @@ def records():
 def runs(tmp_path_factory):
     """A folder of runs of the flat, in the plane and in space."""
     folder = tmp_path_factory.mktemp("evaluation")
-    for dim, strategy in ((3, "distributed"), (2, "distributed"), (2, "single")):
+    for dim, strategy in ((3, "distributed"), (3, "centralized"), (2, "distributed"), (2, "single")):
         config = PRESETS[dim]["quick"].replace(**SMALL, max_cycles=2)
         path = folder / f"{dim}" / "runs" / f"{strategy}-0.npz"
         episode.run(world.load("flat", dim=dim), strategy, config, n_robots=2, path=path)
@@ -56,15 +60,70 @@ def test_scores_are_those_of_the_runs_to_six_digits(made, runs):
 
 
 def test_waypoints_are_forecasts_to_the_millimetre(made, runs, records, monkeypatch):
-    place, run = world.load("flat", dim=3), episode.load(runs / "3" / "runs" / "distributed-0.npz")
-    told = study.forecasts([run], place)
+    place, all_runs = world.load("flat", dim=3), _space(runs)
+    told = study.forecasts(all_runs, place)
     assert np.abs(made["waypoint_alpha"] / 1000 - told.alpha).max() <= 0.00051
-    assert np.abs(made["waypoint_clearance"] / 1000 - place.clearance(_paths(run))).max() <= 0.00051
+    clearance = np.concatenate([place.clearance(_paths(run)) for run in all_runs])
+    assert np.abs(made["waypoint_clearance"] / 1000 - clearance).max() <= 0.00051
     assert np.array_equal(made["waypoint_robot"], told.robot)
     monkeypatch.setattr(records, "WAYPOINTS", 10)
-    thin = records._forecasts(2, place, [run])
-    assert 5 <= len(thin["waypoint_robot"]) <= 10 and thin["waypoint_robot"].min() >= 2000
+    thin = records._forecasts("waypoint", told)
+    assert 5 <= len(thin["waypoint_robot"]) <= 10
     assert set(thin["waypoint_clearance"]) <= set(made["waypoint_clearance"])
+
+
+def _space(runs) -> list:
+    """The runs in space, in the order of their files."""
+    return [episode.load(runs / "3" / "runs" / f"{strategy}-0.npz") for strategy in ("centralized", "distributed")]
+
+
+def test_a_second_building_has_robots_of_its_own(records, runs):
+    paths = [runs / "3" / "runs" / "distributed-0.npz"]
+    columns = records._building(2, "flat", paths)
+    assert set(columns["waypoint_robot"]) == set(columns["hindsight_robot"]) == {2000, 2001}
+    assert set(columns["view_robot"]) <= {2000, 2001} and not any(name.startswith("haze") for name in columns)
+
+
+def test_in_hindsight_the_last_map_is_asked_from_the_camera_and_from_the_body(runs, records):
+    run = _space(runs)[1]
+    late = records.in_hindsight(run)
+    for cycle, before in zip(late.cycles, run.cycles, strict=True):
+        for robot, told, old in zip(run.robots, cycle["robots"], before["robots"], strict=True):
+            means, std = robot.local.splats.means.numpy(), robot.local.splats.scales.amax(1).numpy()
+            reach = (means[:, 2] >= 0.1) & (means[:, 2] <= 1.3) & (robot.local.splats.opacities.numpy() >= 0.5)
+            away = np.array(told["path"])[:, None] - means[reach]
+            for axes, kind in ((3, "risk"), (2, "risk_inflated")):
+                distance = np.linalg.norm(away[..., :axes], axis=-1)
+                expected = (distance - 1.7549833193248685 * std[reach]).min(1)  # the worst tenth of a Gaussian
+                assert np.allclose(told[kind], expected, atol=1e-4)
+            assert told["path"] == old["path"] and told["risk"] != old["risk"]
+
+
+def test_haze_is_scored_on_the_own_map_with_everything_and_with_what_is_sent(made, runs):
+    run, place = _space(runs)[0], world.load("flat", dim=3)
+    maps = [robot.local.splats for robot in run.robots]
+    camera = Camera.from_fov(16, 16, run.config.fov)
+    assert made["haze_psnr"].shape == made["haze_depth"].shape == (3, 2)
+    for k, robot in enumerate(run.robots):
+        other = maps[1 - k]
+        sent = other.select(other.scales.amax(1) <= 0.1)
+        assert 0 < sent.n_splats < other.n_splats
+        for row, held in enumerate((maps[k], splats.union(other, maps[k]), splats.union(sent, maps[k]))):
+            psnr, depth = _quality(held, place, camera, robot.trail[[0, len(robot.trail) // 2, -1]])
+            assert made["haze_psnr"][row, k] == pytest.approx(psnr, abs=0.02)
+            assert made["haze_depth"][row, k] == pytest.approx(depth, abs=0.005)
+
+
+def _quality(splat_map, place, camera, stops) -> tuple[float, float]:
+    """PSNR [dB] and depth error [m] of the dense renderer at stops (3, 3), eight headings each."""
+    squares, gaps = [], []
+    for stop, heading in itertools.product(stops, range(8)):
+        pose = geometry.yaw_pose(stop, heading * math.pi / 4)
+        truth = place.sense(camera, pose)
+        drawn = render.render(splat_map, camera, pose, method="dense")
+        squares.append(((drawn.color - truth.color) ** 2)[truth.valid].ravel())
+        gaps.append((drawn.depth - truth.depth).abs()[truth.valid])
+    return -10 * math.log10(torch.cat(squares).mean()), float(torch.cat(gaps).mean())
 
 
 def _paths(record) -> np.ndarray:

@@ -65,11 +65,15 @@ def test_noise_needs_a_generator_and_has_the_asked_spread(flat):
 
 
 def test_cameras_can_be_raised_and_places_replaced(flat):
-    tall = flat.at_height(2.0)
+    tall = flat.suited(Config(camera_height=2.0))
     assert_allclose([*tall.starts[:, 2], *tall.goals[:, 2]], 2.0)
     moved = world.load("flat", dim=3, starts=[[2.0, 4.1, 0.5]], goals=[[8.3, 6.0]])
     assert_allclose(moved.starts, [[2.0, 4.1, 1.25, 0.5]])
     assert_allclose(moved.goals, [[8.3, 6.0, 1.25]])
+    with pytest.raises(ValueError, match=r"above starts\[0\] hangs something, below a camera at 3 m"):
+        flat.suited(Config(camera_height=3.0))
+    with pytest.raises(ValueError, match=r"a body from 0\.1 to 1\.3 m; leave body_low"):
+        flat.suited(Config(body_high=0.6))
     with pytest.raises(ValueError, match="3 finite numbers"):
         world.load("flat", dim=3, starts=[[1.0, 2.0]])
     with pytest.raises(ValueError, match="only 1 starts"):
@@ -168,3 +172,10 @@ def test_looks_around_a_room_agree_with_its_plan(flat):
 
 def test_a_ray_that_meets_no_floor_does_not_clear_the_ground_where_it_should_be():
     assert looked(empty(), (5.25, 0.0, False))[10] == UNKNOWN  # a pit
+
+
+def test_a_ray_that_falls_to_the_storey_below_blocks_the_hole_that_it_fell_through():
+    # down to 2.5 m below the floor at 5.25 m: at `low`, 0.1 m above the floor, after 1.15 / 3.75 of 5 m
+    state = looked(empty(), (5.25, -2.5, True))
+    assert state[3] == OCCUPIED and state[4:] == [UNKNOWN] * 8
+    assert state[0] == FREE

@@ -16,7 +16,15 @@ def depths(origins, directions, corners, faces):
     found = np.full(len(faces), np.inf)
     for k in range(len(faces)):
         if faces[k] >= 0:
-            found[k] = _meet(origins[k], directions[k], corners[faces[k]])[0]
+            triangle, least, most, square = corners[faces[k]], np.inf, -np.inf, 0.0
+            for c in range(3):
+                square += directions[k, c] ** 2
+            for corner in range(3):
+                along = 0.0
+                for c in range(3):
+                    along += (triangle[corner, c] - origins[k, c]) * directions[k, c]
+                least, most = min(least, along / square), max(most, along / square)
+            found[k] = min(max(_meet(origins[k], directions[k], triangle)[0], least), most)
     return found
 
 

@@ -18,7 +18,7 @@ KINDS = ("risk", "risk_inflated")  # in a cycle's report: σ of the splat alone,
 class Forecasts:
     """Waypoints as they were announced: α (2, k) [m], by `KINDS`; true clearance (k,) [m]; robot (k,), its number.
 
-    unknown: how many more have no α, for nothing was mapped near.
+    unknown: how many more have no α, for no splat counted yet.
     """
 
     alpha: Float[np.ndarray, "2 k"]

@@ -78,7 +78,7 @@ def compare(
     config, folder = config or Config(), Path(out)
     names = list(dict.fromkeys(team.STRATEGIES if strategies is None else strategies))
     numbers = list(range(seeds)) if isinstance(seeds, int) else list(dict.fromkeys(seeds))
-    place = (scene if hasattr(scene, "sense") else world.load(scene)).at_height(config.camera_height)
+    place = (scene if hasattr(scene, "sense") else world.load(scene)).suited(config)
     check(place, names, numbers, n_robots, config)
     found = _finished(folder, place, n_robots, config)
     _make(folder)

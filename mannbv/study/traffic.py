@@ -76,9 +76,11 @@ def growth_table(results: dict) -> Table:
             uplink = messages.centralized_bytes(counts, results["dim"]) * _MIB
             rows.append((f"cycle {c + 1}", *_counted(counts), digits(uplink), digits(sent * _MB), NONE))
         each = messages.centralized_bytes([1], results["dim"])
+        widest = results["config"].get("share_scale", 0.0)
         notes = (
-            f"Seed {told['seed']}; the whole map is sent again in every cycle. One uplink: {each} B a splat, no more.",
-            "Really sent: every message of that cycle on every link, priors and grids included.",
+            f"Seed {told['seed']}; maps are sent again in every cycle. One uplink: {each} B for each of their splats.",
+            "Really sent: every message of that cycle on every link, priors and grids included"
+            + (f"; no splat wider than {widest:g} m." if widest else "."),
         )
     return _growth(about(results), results["robots"], rows, notes, slug(results))
 

@@ -65,7 +65,7 @@ def _describe(robot: Robot, yaw: float) -> dict:
 
 
 def _forecast(robot: Robot, config: Config) -> dict:
-    """α [m] of the announced waypoints on what the robot believed when it planned them, None where nothing is near.
+    """α [m] of the announced waypoints on what the robot believed when it planned them, None where no splat counts.
 
     "risk": with σ the splats' own; "risk_inflated": with what their means' posterior variances add.
     """

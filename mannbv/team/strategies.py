@@ -49,7 +49,8 @@ def share_guests(robots: list[Robot], mission: Mission, post: messages.Post, cyc
 
 
 def share_maps(robots: list[Robot], mission: Mission, post: messages.Post, cycle: int) -> list[Robot]:
-    """centralized: plans, whole maps and grids to every teammate, so that each holds ⊔ G_i, Eq. (16)."""
+    """centralized: plans, maps and grids to every teammate, so that each holds ⊔ G_i, Eq. (16); in 3-D but for what is
+    too wide to be worth it."""
     robots = share_plans(robots, mission, post, cycle)
     fit = [r.local.select(worth_sharing(r, mission)) for r in robots]
     whole = [

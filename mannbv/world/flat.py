@@ -11,6 +11,7 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from mannbv import camera, geometry, grid
+from mannbv.config import Config
 from mannbv.kernels import rays
 
 SUBRAYS = 5  # rays across a pixel whose colours are averaged; odd: the middle one gives the depth
@@ -63,7 +64,7 @@ class World:
             self, starts=self.starts if starts is None else starts, goals=self.goals if goals is None else goals
         )
 
-    def at_height(self, height) -> "World":
+    def suited(self, config: Config) -> "World":
         """Itself: a plane has no height."""
         return self
 

@@ -1,5 +1,6 @@
 """Scenes by name or by file."""
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -65,14 +66,14 @@ def _load(path: Path, dim: int | None, given: dict) -> Place:
     suffix = ".json.gz" if path.name.lower().endswith(".json.gz") else path.suffix.lower()
     if suffix == ".json.gz":
         place = pointnav.load(path, given.pop("scenes_dir", None), given.pop("building", None), **given)
-        return place.ground if dim == 2 else place
+        return _grounded(place) if dim == 2 else place
     wrong = [name for name in given if suffix not in mesh.SUFFIXES or name not in _OF_A_MESH[:3]]
     if wrong:
         what = "PointNav episodes" if wrong[0] not in _OF_A_MESH[:3] else "meshes and PointNav episodes"
         raise SceneError(f"{path}: --{wrong[0].replace('_', '-')} is for {what}; leave it out")
     if suffix in mesh.SUFFIXES:
         place = mesh.load(path, **given)
-        return place.ground if dim == 2 else place
+        return _grounded(place) if dim == 2 else place
     if suffix in (".yaml", ".yml"):
         if dim == 3:
             raise SceneError(f"{path}: a ROS map tells no heights; use --dim 2, or give a mesh")
@@ -84,3 +85,7 @@ def _load(path: Path, dim: int | None, given: dict) -> Place:
             raise SceneError(f"{path}: no such scene; {known}, or PointNav episodes (.json.gz)")
         path = folder() / f"{path.name}.json"
     return extrude.load(path) if dim == 3 else plan.load(path)
+
+
+def _grounded(place: Space) -> World:
+    return dataclasses.replace(place.ground, notes=place.notes)

@@ -37,9 +37,11 @@ def load(path, scenes_dir, scene: str | None = None, up=None, scale=None, floor=
         raise SceneError(f"{path}: which folder holds its scenes? Name it with --scenes-dir; {HINT}")
     episodes = read(path)
     if scene is not None:
+        known = sorted({PurePosixPath(e.scene).stem for e in episodes})
         episodes = [e for e in episodes if scene in (e.scene, PurePosixPath(e.scene).stem)]
         if not episodes:
-            raise SceneError(f"{path}: has no episode in {scene}; give another scene")
+            some = ", ".join(known[:20]) + ", …" * (len(known) > 20)
+            raise SceneError(f"{path}: has no episode in {scene}; its buildings are {some}")
     name = episodes[0].scene
     episodes = [e for e in episodes if e.scene == name]
     file = _found(path, Path(scenes_dir), name)
@@ -47,7 +49,7 @@ def load(path, scenes_dir, scene: str | None = None, up=None, scale=None, floor=
     try:
         floor = _storey(surfaces, episodes, floor)
         if floor is None:
-            raise SceneError("no episode starts on a floor; is the mesh's up axis right? Try --up")
+            raise SceneError("no episode starts on a floor; are the mesh's up axis and unit right? Try --up, --scale")
         description = f"Habitat episodes, {floor:.2f} m floor"
         ground = storeys.ground(file.stem, description, surfaces, floor, n_robots)
     except SceneError as error:
@@ -55,7 +57,8 @@ def load(path, scenes_dir, scene: str | None = None, up=None, scale=None, floor=
     team, skipped = _team(ground, floor, episodes, n_robots)
     if not team:
         raise SceneError(
-            f"{path}: no episode of {name} has a free start and a goal within reach; is its up axis right?"
+            f"{path}: no episode of {name} has a free start and a goal within reach; are up axis and unit right? "
+            "Try --up, --scale"
         )
     eye = [0, 0, Config().camera_height]
     starts = np.array([[*(e.start + eye), e.yaw] for e in team])

@@ -54,10 +54,24 @@ class Space:
             self, starts=starts, goals=self.goals if goals is None else np.insert(goals, 2, z, axis=1)
         )
 
-    def at_height(self, height) -> "Space":
-        """With the cameras of starts and goals `height` [m] above the floor."""
+    def suited(self, config: Config) -> "Space":
+        """With the cameras of starts and goals at the `camera_height` of a config above the floor.
+
+        Raises ValueError for a camera above what hangs over a start, and for another body than the plan was made for.
+        """
+        if (config.body_low, config.body_high) != BODY:
+            band = f"{BODY[0]:g} to {BODY[1]:g} m"
+            raise ValueError(f"{self.name}: its plan is that of a body from {band}; leave body_low and body_high")
         starts, goals = self.starts.copy(), self.goals.copy()
-        starts[:, 2] = goals[:, 2] = self.floor + height
+        starts[:, 2] = goals[:, 2] = self.floor + config.camera_height
+        feet = np.column_stack([starts[:, :2], np.full(len(starts), self.floor + BODY[0])])
+        room = self.surfaces.cast(feet, np.tile([0.0, 0.0, 1.0], (len(feet), 1)))[0] + BODY[0]
+        low = np.flatnonzero(room <= config.camera_height)
+        if len(low):
+            raise ValueError(
+                f"{self.name}: {room[low[0]]:.2f} m above starts[{low[0]}] hangs something, below a camera at "
+                f"{config.camera_height:g} m; lower camera_height"
+            )
         return dataclasses.replace(self, starts=starts, goals=goals)
 
     @property

@@ -21,9 +21,8 @@ _FAR = 10.0  # sizes of all the rest away, or as large
 def without_strays(surfaces: Surfaces) -> tuple[Surfaces, str]:
     """Without what lies far from the bulk of the triangles; and a note, "" if nothing does.
 
-    The bulk grows from the middle half of all corners: what comes within `_FAR` times its size of it joins. Triangles
-    that are `_FAR` times larger than all others together, such as a plane of ground, are halved again and again, and
-    only what lies near the others remains.
+    The bulk grows from the middle half of all corners: what comes within `_FAR` times its size of it joins. Of a plane
+    of ground, or another shell `_FAR` times as large as all the rest, only what lies near the rest remains.
     """
     least, most = surfaces.corners.min(1), surfaces.corners.max(1)
     low, high = np.quantile(surfaces.corners.reshape(-1, 3), [0.25, 0.75], axis=0)
@@ -38,12 +37,18 @@ def without_strays(surfaces: Surfaces) -> tuple[Surfaces, str]:
     if not near.any():
         return surfaces, ""
     kept, away = surfaces if near.all() else _taken(surfaces, near), int((~near).sum())
-    note = f"{away:,} of {len(near):,} triangles lie far from the rest: left out" if away else ""
-    return _without_giants(kept), note
+    kept, cut = _without_giants(kept)
+    notes = [f"{away:,} of {len(near):,} triangles lie far from the rest: left out"] if away else []
+    notes += [f"{cut:,} triangles, much larger than the rest: cut off beyond it"] if cut else []
+    return kept, "; ".join(notes)
 
 
-def _without_giants(surfaces: Surfaces) -> Surfaces:
-    """With only those parts of far too large triangles that lie near the others."""
+def _without_giants(surfaces: Surfaces) -> tuple[Surfaces, int]:
+    """With only those parts of far too large triangles that lie near the others; and how many these were.
+
+    Large triangles alone are no giants: a room may be of twelve, and a chair in it of thousands. Giants lie flat
+    together, as ground does, or are `_FAR` times larger still.
+    """
     least, most = surfaces.corners.min(1), surfaces.corners.max(1)
     size = (most - least).max(1)
     order = np.argsort(size)
@@ -52,13 +57,17 @@ def _without_giants(surfaces: Surfaces) -> Surfaces:
     jump = np.flatnonzero(size[order][1:] > _FAR * extent[:-1])
     jump = jump[jump >= len(order) // 2]  # most of a building is no giant
     if len(jump) == 0:
-        return surfaces
+        return surfaces, 0
+    giants = order[jump[0] + 1 :]
+    spread = np.ptp(surfaces.corners[giants].reshape(-1, 3), axis=0)
+    if spread.min() > 0.01 * spread.max() and size[giants].min() <= _FAR**2 * extent[jump[0]]:
+        return surfaces, 0
     low, high, reach = low[jump[0]], high[jump[0]], extent[jump[0]]
     while (giant := np.ptp(surfaces.corners, axis=1).max(1) > reach).any():
         halves = _halved(_taken(surfaces, giant))
         close = (halves.corners.min(1) <= high + reach) & (halves.corners.max(1) >= low - reach)
         surfaces = _joined(_taken(surfaces, ~giant), _taken(halves, close.all(1)))
-    return surfaces
+    return surfaces, len(giants)
 
 
 def _taken(s: Surfaces, which) -> Surfaces:
@@ -112,6 +121,7 @@ def unit(storey: float) -> tuple[float, str]:
         return 1.0, "taken as metres, for no storey could be measured"
     for name, unit in UNITS.items():
         if STOREY[0] <= storey * unit <= STOREY[1]:
-            return unit, f"in {name}, for a storey is then {storey * unit:.2f} m high"
+            else_ = "" if unit == 1 else f" (in metres it would be {storey:.3g} m)"
+            return unit, f"in {name}, for a storey is then {storey * unit:.2f} m high{else_}"
     factor = USUAL / storey
     return factor, f"{factor:.3g} m a unit, which makes a storey {USUAL} m high (in metres it would be {storey:.3g} m)"

@@ -31,7 +31,7 @@ def growth_figure(record: Record) -> Figure:
     with canvas.style():
         made = sheet.page(
             page_width, below + _CURVES + 0.4,
-            f"{team.scene_of(record)}, {record.strategy}: the maps of {record.n_robots} robots, shared whole",
+            f"{team.scene_of(record)}, {record.strategy}: {record.n_robots} robots' maps, and what sharing them takes",
             "Maps, oldest first: today's splats, as many of each robot as it had in that cycle; in a colour a robot.",
             record, {},
         )  # fmt: skip
