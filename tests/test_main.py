@@ -177,7 +177,7 @@ def one_line(said, text: str) -> None:
         ("plan.json", "{", "plan.json"),
         ("plan.json", '{"format": "mannbv plan 1"}', "plan.json"),
         ("map.yaml", "image: none.png\nresolution: 0.05\norigin: [0, 0, 0]\n", "none.png"),
-        ("house.glb", "glTF", "house.glb: no such scene"),
+        ("house.glb", "glTF", "house.glb: not a complete .glb file; export or download it again"),
     ],
 )
 def test_a_bad_scene_file_is_named(name, content, says, tmp_path, capsys):
@@ -289,10 +289,13 @@ def test_a_reader_who_leaves_is_no_error():
 
 def test_presets_differ_in_the_images_only():
     from mannbv.__main__ import _config
-    from mannbv.config import Config
+    from mannbv.config import SPACE, Config
 
-    assert _config("quick", []) == Config()
-    assert _config("paper", []) == Config(image_width=800, image_height=800)
-    assert _config("paper", ["image_width=400", "solver = own", "level=0.3"]) == Config(
+    assert _config(2, "quick", []) == Config()
+    assert _config(2, "paper", []) == Config(image_width=800, image_height=800)
+    assert _config(2, "paper", ["image_width=400", "solver = own", "level=0.3"]) == Config(
         image_width=400, image_height=800, solver="own", level=0.3
     )
+    quick, paper = _config(3, "quick", []), _config(3, "paper", [])
+    assert quick.replace(image_width=800, image_height=800, insert_spacing=6) == paper
+    assert quick.risk_opacity == SPACE.risk_opacity and quick.share_scale == SPACE.share_scale
