@@ -4,8 +4,9 @@
     python tools/records.py evaluation FOLDER...     15_evaluation.npz: from folders of `compare`, in 3-D and the plane
     --out DIR: another folder
 
-The evaluation keeps every score, what was foretold at each waypoint beside what is true there (thinned evenly), and how
-views of the first distributed run of each building compare with flatland's. An hour or two of `compare` makes it anew:
+The evaluation keeps every score; what was foretold at each waypoint beside what is true there (thinned evenly), when it
+was announced and on the maps of the end; what teammates' splats make of a robot's views; and how views of the first
+distributed run of each building compare with flatland's. An hour or two of `compare` makes it anew:
 
     for s in flat openplan corridor wings; do for d in 2 3; do
         python -m mannbv compare $s --dim $d --seeds 3 --out out/evaluation$d/$s; done; done
@@ -13,16 +14,22 @@ views of the first distributed run of each building compare with flatland's. An 
 """
 
 import argparse
+import dataclasses
+import itertools
 import json
+import math
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+import torch
 
-from mannbv import episode, study, world
+from mannbv import episode, metrics, risk, splats, study, world
+from mannbv.camera import Camera
 from mannbv.config import PRESETS
 from mannbv.widgets.reel import Reel, lean
-from mannbv.world import SceneError
+from mannbv.world import Place, SceneError
 
 RECORDS = Path(__file__).resolve().parent.parent / "notebooks" / "records"
 SCENE, STRATEGY = "flat", "distributed"
@@ -42,37 +49,82 @@ def evaluation(folders: list[Path], out: Path) -> None:
     """Gather what `compare` has left. Raises StudyError, SceneError or OSError for what cannot be read."""
     several, left_out = study.gather(folders)
     print(*left_out, sep="\n", end="\n" * bool(left_out))
-    told, views, buildings = [], [], [results["scene"] for results in several if results["dim"] == 3]
-    runs = {}
+    buildings, runs = [results["scene"] for results in several if results["dim"] == 3], {}
     for path in study.run_files(folders):
         record = episode.load(path)
         if len(record.robots[0].position) == 3 and record.finished:
             runs.setdefault(record.scene, []).append(path)
-    for number, scene in enumerate(buildings):
-        told.append(_forecasts(number, world.load(scene, dim=3), map(episode.load, runs[scene])))
-        first = next((r for r in map(episode.load, runs[scene]) if r.strategy == STRATEGY), None)
-        if first is not None:
-            views.append(_views(number, study.same_views(first, world.load(scene))))
-    columns = {key: np.concatenate([part[key] for part in told], -1) for key in told[0]}
-    columns |= {key: np.concatenate([part[key] for part in views]) for key in (views[0] if views else {})}
+    parts = [_building(number, scene, runs[scene]) for number, scene in enumerate(buildings)]
+    names = dict.fromkeys(name for part in parts for name in part)
+    columns = {name: np.concatenate([part[name] for part in parts if name in part], -1) for name in names}
     text = json.dumps([_short(results) for results in several], separators=(",", ":"))
     path = out / "15_evaluation.npz"
     np.savez_compressed(path, results=np.frombuffer(text.encode(), np.uint8), buildings=buildings, **columns)
 
 
-def _forecasts(building: int, place, records) -> dict[str, np.ndarray]:
+def _building(number: int, scene: str, runs: list[Path]) -> dict[str, np.ndarray]:
+    """What is kept of a building's runs in space. A robot of one seed has one number: its own and 1000 a building."""
+    place = world.load(scene, dim=3)
+
+    def records(strategy=None):  # one at a time: maps are large
+        return (record for record in map(episode.load, runs) if strategy in (None, record.strategy))
+
+    columns = _forecasts("waypoint", study.forecasts(records(), place))
+    columns |= _forecasts("hindsight", study.forecasts(map(in_hindsight, records()), place))
+    columns |= _haze(itertools.islice(records("centralized"), 1), place)
+    first = next(records(STRATEGY), None)
+    if first is not None:
+        columns |= _views(study.same_views(first, world.load(scene)))
+    return {name: value + 1000 * number * name.endswith("robot") for name, value in columns.items()}
+
+
+def in_hindsight(record: episode.Record) -> episode.Record:
+    """The record, had it known its last maps: of both kinds of forecast, the first is α from the camera, the second α
+    from the body."""
+    cycles = [{**cycle, "robots": [dict(told) for told in cycle["robots"]]} for cycle in record.cycles]
+    for robot in record.robots:
+        told = [cycle["robots"][robot.index] for cycle in cycles if cycle["robots"][robot.index]["path"]]
+        points = torch.tensor([point for each in told for point in each["path"]]).reshape(-1, len(robot.position))
+        for kind, measured_from in zip(study.KINDS, ("camera", "body"), strict=True):
+            config = record.config.replace(risk_from=measured_from)
+            alpha = iter(risk.along(robot.belief().splats, points, config).tolist())
+            for each in told:
+                each[kind] = list(itertools.islice(alpha, len(each["path"])))
+    return dataclasses.replace(record, cycles=tuple(cycles))
+
+
+def _forecasts(name: str, told: study.Forecasts) -> dict[str, np.ndarray]:
     """Waypoints to the millimetre, every so many of them."""
-    told = study.forecasts(records, place)
     every = slice(None, None, -(-len(told.robot) // WAYPOINTS))
-    robot = np.full(len(told.robot), 1000 * building) + told.robot
-    columns = {"alpha": 1000 * told.alpha, "clearance": 1000 * told.clearance, "robot": robot}
-    return {f"waypoint_{key}": np.round(value)[..., every].astype(np.int16) for key, value in columns.items()}
+    columns = {"alpha": 1000 * told.alpha, "clearance": 1000 * told.clearance, "robot": told.robot}
+    return {f"{name}_{key}": np.round(value)[..., every].astype(np.int16) for key, value in columns.items()}
 
 
-def _views(building: int, views: study.SameViews) -> dict[str, np.ndarray]:
-    columns = {"robot": 1000 * building + views.robot}
-    columns |= {key: getattr(views, key).astype(np.float32) for key in ("correlation", "turn", "share", "chance")}
-    return {f"view_{key}": value for key, value in columns.items()}
+def _haze(records: Iterable[episode.Record], place: Place) -> dict[str, np.ndarray]:
+    """Scores (3, n) of views at the ends and the middle of trajectories, by `metrics.view_quality`, from three maps:
+    the robot's own; with it all splats of its teammates; with it those of them that `share_scale` lets pass."""
+    psnr, depth, robots = [], [], []
+    for record in records:
+        config, maps = record.config, [robot.local.splats for robot in record.robots]
+        camera = Camera.of_dim(3, config.image_width, config.image_height, config.fov)
+        for robot, own in zip(record.robots, maps, strict=True):
+            others = splats.union(*(each for each in maps if each is not own))
+            narrow = others.select(others.scales.amax(1) <= (config.share_scale or math.inf))
+            held = own, splats.union(own, others), splats.union(own, narrow)
+            stops = robot.trail[[0, len(robot.trail) // 2, -1]]
+            scores = [metrics.view_quality(each, place, camera, stops, config) for each in held]
+            psnr.append([score[0] for score in scores])
+            depth.append([score[1] for score in scores])
+            robots.append(record.seed * record.n_robots + robot.index)
+    if not robots:
+        return {}
+    columns = {"psnr": np.transpose(psnr).astype("f4"), "depth": np.transpose(depth).astype("f4")}
+    return {f"haze_{key}": value for key, value in columns.items()} | {"haze_robot": np.array(robots, np.int16)}
+
+
+def _views(views: study.SameViews) -> dict[str, np.ndarray]:
+    columns = {key: getattr(views, key).astype(np.float32) for key in ("correlation", "turn", "share", "chance")}
+    return {"view_robot": views.robot.astype(np.int16)} | {f"view_{key}": value for key, value in columns.items()}
 
 
 def _short(value):
