@@ -33,7 +33,7 @@ EQUATIONS = {
     **{"09": range(16, 25), "10": range(25, 30)},
 }
 ALGORITHM = range(1, 22)  # lines of Algorithm 1, the subject of 12_team
-CATEGORIES = {"splat", "parameters of splat"}  # axes whose ticks are names, not amounts
+CATEGORIES = {"map", "splat", "parameters of splat"}  # axes whose ticks are names, not amounts
 LABELLED = {"plan", "ground", "ground_axes", "strip", "profile", "risk"}  # parts of `draw` that label axes themselves
 MAX_BYTES = 500_000
 

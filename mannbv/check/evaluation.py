@@ -60,7 +60,7 @@ def paired(mine: Callable) -> bool:
             (halved(unpaired, student), "teams differ more than strategies do: take each team's difference first"),
             (halved(spread, lambda n: 1.96), "1.96 is for many teams: with so few, Student's t is wider"),
             (halved(lambda a, b: np.std(a - b), student), "numpy's std divides by n; a sample's, by n − 1: ddof=1"),
-            (halved(spread, lambda n: student(n) * math.sqrt(n)), "that is the spread of teams; a mean has √n less"),
+            (halved(spread, lambda n: student(n) * math.sqrt(n)), "that is the spread of teams: divide by √n"),
             (halved(spread, lambda n: student(n + 1)), "t has one degree of freedom less than there are teams"),
             (halved(spread, lambda n: special.stdtrit(n - 1, 0.95)), "that leaves 5 % on each side, 90 % between"),
             (halved(spread, lambda n: 2 * student(n)), "the whole width; half of it is asked for"),
