@@ -19,7 +19,7 @@ from mannbv.camera import Camera, Frame
 from mannbv.config import Config
 from mannbv.geometry import Pose
 from mannbv.grid import Lattice, Occupancy
-from mannbv.messages import Ledger, Post
+from mannbv.messages import Ledger, Mailbox
 from mannbv.splats import SplatMap
 from mannbv.team import Guests, Mission, Robot
 
@@ -169,7 +169,7 @@ def _advance(record: Record, mission: Mission) -> Record:
         robots = tuple(team.observe(robot, mission, number) for robot in record.robots)
         record = dataclasses.replace(record, robots=robots)
         return dataclasses.replace(record, rows=tuple(score(record, mission)), finished=True)
-    post = Post(config.codec, record.ledger)
+    post = Mailbox(config.codec, record.ledger)
     robots, report = team.cycle(list(record.robots), mission, post, number)
     return dataclasses.replace(record, cycles=(*record.cycles, report), robots=tuple(robots), ledger=post.ledger)
 

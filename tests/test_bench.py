@@ -9,9 +9,10 @@ import pytest
 import torch
 from helpers import camera_for, random_map, random_pose
 
-from mannbv import bench, draw, information, risk, world
+from mannbv import information, risk, world
 from mannbv.__main__ import main
-from mannbv.bench import fresh, rivals, scenes, stages, suite, targets, timing
+from mannbv.lab import bench, draw
+from mannbv.lab.bench import fresh, rivals, scenes, stages, suite, targets, timing
 
 TINY = bench.Scale(
     budget=0.0, least=3, most=3, large=(300, 40), small=(200, 24), dense=(200, 20), gram=(60, 12), loop=(20, 6),

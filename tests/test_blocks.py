@@ -11,11 +11,11 @@ from test_information import crowded, jacobian
 from test_objective import CONFIG, one_go, random_team, random_zone
 
 from mannbv import geometry, information, objective, render, splats
-from mannbv.render import row, tiles
+from mannbv.render import flat, space
 from mannbv.splats import SplatMap
 
 seeds, dims, sizes = st.integers(0, 2**32 - 1), st.sampled_from([2, 3]), st.integers(1, 4)
-KERNELS = {2: row, 3: tiles}
+KERNELS = {2: flat, 3: space}
 
 
 def diagonal(blocks):

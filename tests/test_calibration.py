@@ -10,12 +10,13 @@ from scipy import stats
 from scipy.stats import norm
 from test_risk import by_hand
 
-from mannbv import draw, episode, network, risk, splats, study, team, world
+from mannbv import episode, network, risk, splats, team, world
 from mannbv.camera import Camera
 from mannbv.config import Config
-from mannbv.messages import Post
-from mannbv.study import Forecasts
-from mannbv.study.resampling import bootstrap, pearson, ranks, weighted_mean
+from mannbv.lab import draw, study
+from mannbv.lab.study import Forecasts
+from mannbv.lab.study.resampling import bootstrap, pearson, ranks, weighted_mean
+from mannbv.messages import Mailbox
 from mannbv.team import Mission
 
 TINY = Config(max_cycles=3, fit_steps=4, image_width=32)
@@ -179,7 +180,7 @@ def test_a_cycle_reports_the_risk_that_its_robots_believed_in_when_they_planned(
     mission = Mission(place, Camera.from_fov(32), TINY, network.build("complete", 2), strategy, 0)
     start = place.starts[0]  # of both, so that their maps meet
     robots = [team.start(k, start[:2], float(start[2]) + k, place.goals[k], mission) for k in (0, 1)]
-    post, guests_counted = Post("json"), []
+    post, guests_counted = Mailbox("json"), []
     for number in range(2):
         planned = [team.plan(team.observe(robot, mission, number), mission, number) for robot in robots]
         robots, report = team.cycle(robots, mission, post, number)

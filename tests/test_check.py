@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from mannbv import check
+from mannbv.course import check
 
 
 def triple(x):

@@ -8,7 +8,7 @@ import pytest
 from scipy import optimize
 
 from mannbv import consensus, geometry
-from mannbv.check import agreement as check
+from mannbv.course.check import consensus as check
 
 NOTEBOOK = Path(__file__).parent.parent / "notebooks" / "10_consensus.ipynb"
 EXERCISES = ("residuals", "middle", "edge", "slope", "solver")

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mannbv.check import bound
 from mannbv.config import Config
+from mannbv.course.check import team_problem
 
 NOTEBOOK = Path(__file__).parent.parent / "notebooks" / "09_team_problem.ipynb"
 CONFIG = Config()
@@ -64,14 +64,14 @@ WRONG = {
 
 @pytest.mark.parametrize("name", WRONG)
 def test_the_stored_solution_agrees_and_an_empty_one_is_to_do(name, stored, capsys):
-    assert getattr(bound, name)(stored[f"my_{name}"])
+    assert getattr(team_problem, name)(stored[f"my_{name}"])
     assert capsys.readouterr().out.strip() == "agrees with the library"
     for empty in (None, ...):
-        assert not getattr(bound, name)(lambda *case, empty=empty: empty)
+        assert not getattr(team_problem, name)(lambda *case, empty=empty: empty)
         assert capsys.readouterr().out.strip() == "to do"
 
 
 @pytest.mark.parametrize(("name", "mine", "hint"), [(name, *pair) for name, pairs in WRONG.items() for pair in pairs])
 def test_a_wrong_answer_is_told_what_is_wrong(name, mine, hint, capsys):
-    assert not getattr(bound, name)(mine)
+    assert not getattr(team_problem, name)(mine)
     assert hint in capsys.readouterr().out

@@ -8,7 +8,7 @@ import torch
 
 from mannbv import geometry, mapping, render
 from mannbv.camera import Camera, Frame
-from mannbv.check import camera as check
+from mannbv.course.check import camera as check
 from mannbv.splats import SplatMap
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from mannbv.check import evaluation as check
+from mannbv.course.check import gibson_episode as check
 
 AGREES = "agrees with the library"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from mannbv.check import information as check
+from mannbv.course.check import information as check
 
 NOTEBOOK = Path(__file__).parent.parent / "notebooks" / "03_information.ipynb"
 

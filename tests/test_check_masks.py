@@ -9,7 +9,7 @@ from scipy import ndimage
 from scipy.sparse.csgraph import dijkstra
 
 from mannbv import grid, mask
-from mannbv.check import masks as check
+from mannbv.course.check import masks as check
 
 AGREES = "agrees with the library"
 KEEPS = "a mask radius"

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mannbv.check import messages as check
+from mannbv.course.check import messages as check
 
 NOTEBOOK = Path(__file__).parent.parent / "notebooks" / "11_messages.ipynb"
 

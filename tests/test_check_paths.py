@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from mannbv import geometry, grid, planner, risk
-from mannbv.check import paths as check
 from mannbv.config import Config
+from mannbv.course.check import paths as check
 from mannbv.splats import SplatMap
 
 AGREES = "agrees with the library"

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from mannbv import risk
-from mannbv.check import risk as check
+from mannbv.course.check import risk as check
 
 
 def avar(mean, std, level):

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from mannbv import grid, objective
-from mannbv.check import robot as check
+from mannbv.course.check import one_robot as check
 
 AGREES = "agrees with the library"
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from mannbv.check import space as check
+from mannbv.course.check import into_3d as check
 
 AGREES = "agrees with the library"
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from mannbv import splats
-from mannbv.check import splats as check
+from mannbv.course.check import splats as check
 from mannbv.splats import SplatMap
 
 

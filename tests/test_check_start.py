@@ -6,7 +6,7 @@ import pytest
 from scipy.special import erfinv
 from scipy.stats import norm
 
-from mannbv.check import start as check
+from mannbv.course.check import start as check
 
 
 def tail(mean, std, level):

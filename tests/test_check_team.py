@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mannbv import messages
-from mannbv.check import team as check
+from mannbv.course.check import team as check
 
 AGREES = "agrees with the library"
 DONE = "a weak radio: plans go as far"

@@ -9,7 +9,7 @@ import pytest
 import torch
 from scipy.signal import find_peaks
 
-from mannbv.check import view as check
+from mannbv.course.check import one_view as check
 
 NOTEBOOK = Path(__file__).parent.parent / "notebooks" / "06_one_view.ipynb"
 

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from mannbv import doctor, render
+from mannbv import render
 from mannbv.__main__ import main
+from mannbv.lab import doctor
 
 
 def lines(check) -> list[str]:

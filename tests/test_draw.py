@@ -14,9 +14,10 @@ from matplotlib.collections import EllipseCollection, PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Wedge
 
-from mannbv import draw, episode, grid, information, render, risk, study, world
+from mannbv import episode, grid, information, render, risk, world
 from mannbv.config import Config
-from mannbv.draw import team as team_picture
+from mannbv.lab import draw, study
+from mannbv.lab.draw import team as team_picture
 
 TINY = Config(max_cycles=3, fit_steps=4, image_width=32)
 

@@ -13,10 +13,11 @@ from matplotlib.collections import EllipseCollection, LineCollection, PatchColle
 from matplotlib.colors import to_hex
 from matplotlib.patches import Wedge
 
-from mannbv import draw, episode, study, world
+from mannbv import episode, world
 from mannbv.config import PRESETS
-from mannbv.draw.canvas import PALE
-from mannbv.draw.paper import proposals
+from mannbv.lab import draw, report, study
+from mannbv.lab.draw.canvas import PALE
+from mannbv.lab.draw.paper import proposals
 
 NAMES = ("centralized", "limited", "distributed")
 SMALL = {"max_cycles": 3, "fit_steps": 4, "image_width": 32, "image_height": 32}
@@ -79,10 +80,10 @@ def test_the_overview_tells_one_cycle_with_the_ledgers_bytes(records):
     for k in (0, 1):
         for place, verb in ((0, "sends"), (1, "receives")):
             rows = [n for key, (_, n) in record.ledger.rows.items() if key[4] == 1 and key[place] == k]
-            assert f"{verb} {study.digits(sum(rows) / 1000)} KB" in words
+            assert f"{verb} {report.digits(sum(rows) / 1000)} KB" in words
     (said,) = (text for text in words if "copies of the team's yaws" in text)
     plans = sum(n for key, (_, n) in record.ledger.rows.items() if key[3:] == ("Plan", 1))
-    assert f"plans (path, view, yaw) {study.digits(plans / 1000)} KB" in said
+    assert f"plans (path, view, yaw) {report.digits(plans / 1000)} KB" in said
     assert "no splat, no image" in said
     for k, robot in enumerate(record.robots):
         (ax,) = titled(made, f"robot {k}: {record.cycles[1]['robots'][k]['splats']:,} splats")
@@ -152,7 +153,7 @@ def test_growth_shows_ever_more_splats_and_the_bytes_of_the_ledger(records):
     each = 14 * 4 if record.robots[0].local.splats.dim > 2 else 10 * 4
     for cycle, told in enumerate(record.cycles):
         counts = [robot["splats"] for robot in told["robots"]]
-        size = study.digits(sum(counts) * each / 2**20)
+        size = report.digits(sum(counts) * each / 2**20)
         (ax,) = titled(made, f"cycle {cycle + 1}: {sum(counts):,} splats\none uplink {size} MiB")
         held = [
             in_body(robot.local.splats.select(torch.arange(count)), robot, record.config).sum()

@@ -10,7 +10,7 @@ import trimesh
 
 from mannbv import geometry, world
 from mannbv.camera import Camera
-from mannbv.kernels import rays
+from mannbv.kernels.flat import rays
 from mannbv.world import bodies, extrude, library, mesh, plan
 from mannbv.world.surfaces import Surfaces
 

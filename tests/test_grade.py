@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from mannbv import grade
 from mannbv.__main__ import main
+from mannbv.course import grade
 
 LIMIT = 15.0  # [s]; the copy that hangs takes it whole
-IMPORT = "from mannbv.check import verdict as check"
+IMPORT = "from mannbv.course.check import verdict as check"
 TWICE = "done = check.compare(my_twice, lambda x: 2 * x, [(1,), (3,)], [(lambda x: x * x, 'that is a square')])"
 THRICE = "done = check.compare(my_thrice, lambda x: 3 * x, [(1,), (3,)])"
 SQUARE = "done = check.compare(my_square, lambda x: x * x, [(2,), (3,)])"
@@ -61,8 +61,8 @@ def anonymous(cells: list[dict]) -> list[dict]:
     return [{key: value for key, value in c.items() if key != "id"} for c in cells]
 
 
-PATCH = """import mannbv.check.verdict
-mannbv.check.verdict.compare = lambda *_: True
+PATCH = """import mannbv.course.check.verdict
+mannbv.course.check.verdict.compare = lambda *_: True
 class check:
     compare = lambda *_: True
 done = True

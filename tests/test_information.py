@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from mannbv import geometry, information, render, splats
 from mannbv.camera import Camera
 from mannbv.config import Config
-from mannbv.render import row
+from mannbv.render import flat
 from mannbv.splats import SplatMap
 
 
@@ -107,7 +107,7 @@ def test_the_kernels_fisher_is_its_twins_when_it_drops_nothing(occluded, rng):
         others = random_map(rng, 10, 2) if occluded else None
         joint = splat_map if others is None else splats.union(splat_map, others)
         twin = information.fisher(splat_map, camera, pose, others, sigma_color=0.1, sigma_depth=0.02)
-        found = row.fisher(joint, 30, camera, pose, 0.1, 0.02, cutoff=0.0, floor=0.0)
+        found = flat.fisher(joint, 30, camera, pose, 0.1, 0.02, cutoff=0.0, floor=0.0)
         assert_allclose(found, twin, rtol=1e-8, atol=1e-12 * float(twin.max()))
 
 
@@ -279,8 +279,8 @@ def test_one_density_for_the_whole_image_would_not_do(rng, monkeypatch):
     splat_map, camera, prior = room(rng, 128)
     views = information.yaw_profile(splat_map, camera, PLACES[0], prior, method="views").gains
     good = information.yaw_profile(splat_map, camera, PLACES[0], prior).gains
-    right = row.densities
-    monkeypatch.setattr(row, "densities", lambda *a: right(*a[:4], 0 * a[4], *a[5:]))
+    right = flat.densities
+    monkeypatch.setattr(flat, "densities", lambda *a: right(*a[:4], 0 * a[4], *a[5:]))
     bad = information.yaw_profile(splat_map, camera, PLACES[0], prior).gains
     assert np.median(abs(bad / views - 1)) > 10 * np.median(abs(good / views - 1))
 
@@ -369,7 +369,7 @@ def test_two_pixels_gain_what_the_kernels_densities_say(rng):
         worth[::5] = 0  # occluders
         view = information.fisher(splat_map, camera, geometry.yaw_pose(place, yaw), sigma_color=0.1, sigma_depth=0.02)
         slants = np.array([-math.tan(angle), math.tan(angle)])
-        found = row.densities(splat_map, camera, place, worth, slants, columns, 0.1, 0.02, cutoff=0.0)
+        found = flat.densities(splat_map, camera, place, worth, slants, columns, 0.1, 0.02, cutoff=0.0)
         cos, sin = math.cos(yaw), math.sin(yaw)
         total = found[:, 0, int(left)] + found[:, 1, int(right)]
         assert_allclose(total @ [1, cos * cos, 2 * cos * sin, sin * sin], (view * worth).sum(), rtol=1e-9)

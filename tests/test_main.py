@@ -7,8 +7,9 @@ import time
 
 import pytest
 
-from mannbv import episode, study, world
+from mannbv import episode, world
 from mannbv.__main__ import main
+from mannbv.lab import study
 
 QUICK = ["--robots", "2", "--set", "max_cycles=2", "--set", "fit_steps=4", "--set", "image_width=32", "--workers", "0"]
 

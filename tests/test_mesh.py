@@ -16,7 +16,7 @@ from scipy import ndimage, optimize
 
 from mannbv import geometry, grid
 from mannbv.camera import Camera
-from mannbv.kernels import cover
+from mannbv.kernels.space import cover
 from mannbv.world import SceneError, mesh, rosmap, storeys, upright
 from mannbv.world.surfaces import Surfaces
 

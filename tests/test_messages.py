@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from mannbv import consensus, grid, messages, network, splats
-from mannbv.messages import Copies, Grid, Ledger, Plan, Post, Profile, Splats, Suggestion
+from mannbv.messages import Copies, Grid, Ledger, Mailbox, Plan, Profile, Splats, Suggestion
 
 CODECS = ["json", "binary"]
 
@@ -255,7 +255,7 @@ def test_senders_are_checked_too():
         (lambda: Grid(0, 0, [0, 0], 0.1, np.full((2, 2), 2)), "states must be"),
         (lambda: messages.encode(Copies(0, 0, 0, [0.0]), "pickle"), "no codec is called 'pickle'"),
         (lambda: messages.decode("text"), "expected bytes, got str"),
-        (lambda: Post("xml"), "no codec is called 'xml'"),
+        (lambda: Mailbox("xml"), "no codec is called 'xml'"),
     ]:
         with pytest.raises(ValueError, match=words) as error:
             make()
@@ -264,7 +264,7 @@ def test_senders_are_checked_too():
 
 @pytest.mark.parametrize("codec", CODECS)
 def test_the_post_delivers_in_order_and_the_ledger_holds_every_byte(codec):
-    post = Post(codec, Ledger(), network.build("line", 3))
+    post = Mailbox(codec, Ledger(), network.build("line", 3))
     plan, said = Plan(0, 4, [0, 0], 0, np.zeros((2, 2))), Suggestion(0, 4, 1, 0.5, 1.0, 0.5)
     sizes = [post.send(0, 1, plan), post.send(0, 1, said), post.send(1, 2, plan, cycle=5)]
     assert sizes == [len(messages.encode(m, codec)) for m in (plan, said, plan)]
@@ -294,7 +294,7 @@ def test_the_post_delivers_in_order_and_the_ledger_holds_every_byte(codec):
 
 
 def test_a_relayed_message_is_counted_on_every_hop_and_kept_by_the_last():
-    post = Post("binary", network=network.build("line", 4))
+    post = Mailbox("binary", network=network.build("line", 4))
     message = Copies(3, 0, 0, [0.25])
     post.send(2, 1, Copies(2, 0, 0, [0.5]))
     post.relay([3, 2, 1, 0], message)
@@ -311,7 +311,7 @@ def test_a_relayed_message_is_counted_on_every_hop_and_kept_by_the_last():
 
 
 def test_a_lost_message_costs_its_bytes_and_does_not_arrive():
-    post = Post("binary", lost=lambda sender, receiver, message: receiver == 1)
+    post = Mailbox("binary", lost=lambda sender, receiver, message: receiver == 1)
     message = Copies(0, 0, 0, [0.0])
     size = post.send(0, 1, message) + post.send(0, 2, message)
     assert post.collect(1) == []
@@ -333,7 +333,7 @@ def flood(post, graph, outgoing):
 @pytest.mark.parametrize("graph", ["complete", "star", "line"])
 def test_paper_totals_do_not_depend_on_the_graph(graph):
     rng, n = np.random.default_rng(8), 4
-    graph, post = network.build(graph, n), Post("binary")
+    graph, post = network.build(graph, n), Mailbox("binary")
     maps = [Splats(i, 0, random_map(rng, 10 * (i + 1), 2)) for i in range(n)]
     held = flood(post, graph, maps)
     assert all(set(box) == set(range(n)) for box in held)
@@ -347,13 +347,13 @@ def test_paper_totals_do_not_depend_on_the_graph(graph):
 
 def test_limited_sharing_counts_every_ordered_pair():
     rng, n = np.random.default_rng(9), 3
-    post, guests = Post("binary"), random_map(rng, 400, 3)
+    post, guests = Mailbox("binary"), random_map(rng, 400, 3)
     for i, j in network.build("complete", n).to_directed().edges:
         post.send(i, j, Splats(i, 0, guests))
         post.send(i, j, Plan(i, 0, [0, 0], 0, np.zeros((2, 2))))
     each = len(messages.encode(Splats(0, 0, guests), "binary"))
     assert post.ledger.paper_total("limited") == n * (n - 1) * each
-    relayed = Post("binary", network=network.build("line", n))
+    relayed = Mailbox("binary", network=network.build("line", n))
     for i, j in post.ledger.by_link():
         relayed.relay(nx.shortest_path(relayed.network, i, j), Splats(i, 0, guests))
     assert relayed.ledger.paper_total("limited") == n * (n - 1) * each
@@ -391,7 +391,7 @@ def test_agreement_by_real_messages_equals_agreement_in_memory():
     rng, n = np.random.default_rng(10), 4
     graph, announced = network.build("ring", n), rng.uniform(-3, 3, n)
     objectives = rng.uniform(size=(n, n, 24))
-    scale, post = consensus.scale_of(objectives), Post("json", network=nx.Graph(graph))
+    scale, post = consensus.scale_of(objectives), Mailbox("json", network=nx.Graph(graph))
     states = [consensus.start(i, network.neighbours(graph, i), announced, objectives[i], scale=scale) for i in range(n)]
     for t in range(15):
         for state in states:

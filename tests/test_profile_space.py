@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from mannbv import geometry, information
 from mannbv.camera import Camera
-from mannbv.kernels import panorama as kernels
+from mannbv.kernels.space import panorama as kernels
 from mannbv.render import panorama
 from mannbv.splats import SplatMap
 

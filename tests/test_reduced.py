@@ -8,11 +8,12 @@ import torch
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from mannbv import episode, study, world
+from mannbv import episode, world
 from mannbv.config import Config
-from mannbv.study.reduced import METRICS
+from mannbv.lab import study
+from mannbv.lab.study.reduced import METRICS
 
-inside = importlib.import_module("mannbv.study.reduced")  # the room's `reduced` is the function
+inside = importlib.import_module("mannbv.lab.study.reduced")  # the room's `reduced` is the function
 
 NAMES = ["centralized", "distributed", "limited", "single"]
 TINY = Config(max_cycles=3, fit_steps=4, image_width=24, image_height=16)

@@ -7,7 +7,7 @@ from helpers import camera_for, random_map, random_pose, shifted
 from numpy.testing import assert_allclose
 
 from mannbv import geometry, render
-from mannbv.render import row
+from mannbv.render import flat
 from mannbv.splats import SplatMap
 
 
@@ -166,7 +166,7 @@ def test_the_kernel_is_the_dense_twin_when_it_drops_nothing(rng):
     for _ in range(4):
         splat_map, camera, pose = random_map(rng, 40, 2), camera_for(2, 33), random_pose(rng, 2)
         twin = render.render(splat_map, camera, pose, method="dense")
-        image = row.render(splat_map, camera, pose, cutoff=0.0, floor=0.0)
+        image = flat.render(splat_map, camera, pose, cutoff=0.0, floor=0.0)
         expected = torch.cat([twin.color.T, twin.depth[None], twin.opacity[None]])
         assert_allclose(image, expected, rtol=1e-10, atol=1e-12)
 
@@ -181,7 +181,7 @@ def test_the_kernels_gradients_are_those_of_its_twin(rng):
         ]  # rotations not of length 1
         leaves = [t.requires_grad_(True) for t in leaves]
         if kernel:
-            image = row.render(SplatMap(*leaves), camera, pose, cutoff=0.0, floor=0.0)
+            image = flat.render(SplatMap(*leaves), camera, pose, cutoff=0.0, floor=0.0)
         else:
             twin = render.render(SplatMap(*leaves), camera, pose, method="dense")
             image = torch.cat([twin.color.T, twin.depth[None], twin.opacity[None]])
@@ -198,7 +198,7 @@ def test_the_kernel_drops_no_more_than_it_says(rng):
         pose = pose.to(splat_map.means)
         fast, twin = (render.render(splat_map, camera, pose, method=m) for m in ("tiled", "dense"))
         blend = render.compose(splat_map, camera, pose).blend
-        bound = torch.where(blend < row.CUTOFF * 1.0001, blend, 0.0).sum(0) + row.FLOOR + 1e-5
+        bound = torch.where(blend < flat.CUTOFF * 1.0001, blend, 0.0).sum(0) + flat.FLOOR + 1e-5
         assert ((fast.color - twin.color).abs().amax(1) <= bound).all()
         assert ((fast.opacity - twin.opacity).abs() <= bound).all()
         assert ((fast.depth - twin.depth).abs() <= 6 * bound).all()  # nothing is deeper than 6 m

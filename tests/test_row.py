@@ -10,7 +10,7 @@ from helpers import box_map, random_map, random_pose
 from mannbv import geometry, information, mapping, render, world
 from mannbv.camera import Camera
 from mannbv.config import Config
-from mannbv.render import row
+from mannbv.render import flat
 from mannbv.splats import SplatMap
 
 
@@ -45,14 +45,14 @@ def test_kernel_and_twin_agree_to_the_last_digits_without_cut_offs(name, width, 
     for _ in range(4):
         pose, slopes = random_pose(rng, 2), torch.from_numpy(rng.normal(size=(5, width)))
         answers = []
-        for draw in (lambda m: row.render(m, camera, pose, 0.0, 0.0), lambda m: image(render.render(m, camera, pose, "dense"))):  # fmt: skip  # noqa: E501, B023
+        for draw in (lambda m: flat.render(m, camera, pose, 0.0, 0.0), lambda m: image(render.render(m, camera, pose, "dense"))):  # fmt: skip  # noqa: E501, B023
             leaves = [t.clone().requires_grad_() for t in splats.tensors()]
             drawn = draw(SplatMap(*leaves))
             (drawn * slopes).sum().backward()
             answers.append([drawn.detach(), *(t.grad for t in leaves)])
         for fast, slow in zip(*answers, strict=True):
             assert torch.allclose(fast, slow, rtol=1e-9, atol=1e-9 * float(slow.abs().max()) + 1e-12)
-        fast = row.fisher(splats, 50, camera, pose, 0.05, 0.1, 0.0, 0.0)
+        fast = flat.fisher(splats, 50, camera, pose, 0.05, 0.1, 0.0, 0.0)
         own, others = splats.select(torch.arange(50)), splats.select(torch.arange(50, 80))
         slow = information.fisher(own, camera, pose, others, "dense", 0.05, 0.1)
         assert torch.allclose(fast, slow, rtol=1e-9, atol=1e-9 * float(slow.max()) + 1e-12)

@@ -16,9 +16,10 @@ import pytest
 import torch
 from scipy import stats
 
-from mannbv import consensus, episode, risk, study, team, world
+from mannbv import consensus, episode, risk, team, world
 from mannbv.config import Config
-from mannbv.study import crew
+from mannbv.lab import report, study
+from mannbv.lab.study import workers
 
 TINY = Config(max_cycles=2, fit_steps=4, image_width=32)
 NAMES = ["distributed", "single"]
@@ -160,14 +161,14 @@ def until(condition, limit=60.0):
 
 def test_a_worker_leaves_at_the_next_cycle_when_its_parent_is_gone(tmp_path):
     place = world.load("flat")
-    job = crew.Job(place, "single", 0, 2, TINY.replace(max_cycles=50), study.run_file(tmp_path, "single", 0))
+    job = workers.Job(place, "single", 0, 2, TINY.replace(max_cycles=50), study.run_file(tmp_path, "single", 0))
     ours, theirs = multiprocessing.Pipe()
-    ours.send_bytes(crew._packed(job))
+    ours.send_bytes(workers._packed(job))
     ours.close()
     handler, threads = signal.getsignal(signal.SIGINT), torch.get_num_threads()
     try:
         with warnings.catch_warnings():
-            crew._work(theirs)  # returns
+            workers._work(theirs)  # returns
     finally:
         signal.signal(signal.SIGINT, handler)
         torch.set_num_threads(threads)
@@ -224,8 +225,8 @@ def test_a_strategy_that_no_other_process_could_find_is_refused_at_once(tmp_path
 def test_built_in_solvers_and_measures_need_no_sending():
     place = world.load("flat")
     for changes in [{"solver": name} for name in consensus.SOLVERS] + [{"measure": name} for name in risk.MEASURES]:
-        job = crew.Job(place, "single", 0, 2, TINY.replace(**changes), study.run_file("x", "single", 0))
-        assert crew._packed(job)
+        job = workers.Job(place, "single", 0, 2, TINY.replace(**changes), study.run_file("x", "single", 0))
+        assert workers._packed(job)
 
 
 @pytest.mark.parametrize(
@@ -353,7 +354,7 @@ def small_results(seeds=(0, 1)) -> dict:
 
 
 def test_tables_show_the_numbers_with_intervals_and_units():
-    maps, paths, each, whole = map(study.as_text, study.tables(small_results()))
+    maps, paths, each, whole = map(report.as_text, report.tables(small_results()))
     half = (0.02 / np.sqrt(2)) / np.sqrt(2) * stats.t.ppf(0.975, 1)  # two seeds, 0.02 apart
     shown = f"centralized  0.61 ± {half:.2f}  0.60 ± 0.00  0.15 ± 0.00  18.00 ± 0.00  0.25 ± 0.00"
     assert line(maps, "centralized") == shown.split()
@@ -379,23 +380,23 @@ def line(text: str, name: str) -> list[str]:
 
 def test_one_seed_shows_no_interval_and_names_the_measure():
     results = small_results(seeds=(3,))
-    text = study.as_text(study.map_table(results))
+    text = report.as_text(report.map_table(results))
     assert "±" not in text
     assert "flat, 2 robots, seed 3" in text
-    other = study.as_text(study.map_table(results | {"config": {"measure": "spectral"}}))
+    other = report.as_text(report.map_table(results | {"config": {"measure": "spectral"}}))
     assert "spectral ↑" in other
     assert "AV@R" not in other
 
 
 def test_columns_are_aligned():
-    body = study.as_text(study.map_table(small_results())).splitlines()
+    body = report.as_text(report.map_table(small_results())).splitlines()
     rows = [line for line in body if line.startswith(("centralized", "single"))]
     assert len({len(line) for line in rows}) == 1
     assert len(body[1]) == len(rows[0])
 
 
 def test_latex_is_escaped_and_whole():
-    text = study.as_latex(study.path_table(small_results()))
+    text = report.as_latex(report.path_table(small_results()))
     assert text.count(r"\begin{") == text.count(r"\end{") == 2
     assert r"29.5 $\pm$ 0.0" in text
     assert r"[\%]" in text
@@ -408,7 +409,7 @@ def test_csv_holds_every_row_of_several_results():
     one, other = small_results(), small_results(seeds=(5,))
     other["scene"] = "wings"
     other["rows"][0]["extra"] = 1.5
-    table = list(csv.DictReader(io.StringIO(study.as_csv(one, other))))
+    table = list(csv.DictReader(io.StringIO(report.as_csv(one, other))))
     assert len(table) == 12
     assert float(table[0]["total_risk_m"]) == one["rows"][0]["total_risk_m"]
     assert (table[0]["extra"], table[8]["extra"], table[8]["scene"]) == ("", "1.5", "wings")
@@ -498,18 +499,18 @@ def test_progress_counts_robots_and_cycles(tmp_path):
 
 
 def story() -> list[study.Progress]:
-    start = study.Progress(2, {("single", k): study.Tick("single", k) for k in range(2)})
-    steps = [start.heard(study.Tick("single", 0, 3, 1, 0.5))]
-    steps.append(steps[-1].heard(study.Tick("single", 0, 6, 2, 1.0, True)))
-    return [*steps, steps[-1].heard(study.Tick("single", 1, fault="no luck"))]
+    start = study.Progress(2, {("single", k): study.EpisodeProgress("single", k) for k in range(2)})
+    steps = [start.heard(study.EpisodeProgress("single", 0, 3, 1, 0.5))]
+    steps.append(steps[-1].heard(study.EpisodeProgress("single", 0, 6, 2, 1.0, True)))
+    return [*steps, steps[-1].heard(study.EpisodeProgress("single", 1, fault="no luck"))]
 
 
 def test_the_meter_is_a_bar_on_a_terminal_and_a_line_an_episode_elsewhere(monkeypatch):
     clock = iter(range(0, 10_000, 100))
-    monkeypatch.setattr(study.meter.time, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(study.progress.time, "monotonic", lambda: next(clock))
     lines, bar = io.StringIO(), Terminal()
     for stream in (lines, bar):
-        with study.Meter(stream) as meter:
+        with study.ProgressBar(stream) as meter:
             for progress in story():
                 meter(progress)
     told = lines.getvalue().splitlines()
@@ -522,21 +523,25 @@ def test_the_meter_is_a_bar_on_a_terminal_and_a_line_an_episode_elsewhere(monkey
 
 def test_the_time_left_follows_from_the_share_done(monkeypatch):
     now = [1000.0]
-    monkeypatch.setattr(study.meter.time, "monotonic", lambda: now[0])
-    meter = study.Meter(io.StringIO())
-    progress = study.Progress(1, {("single", 0): study.Tick("single", 0, share=0.2)})  # resumed: 0.2 was there before
+    monkeypatch.setattr(study.progress.time, "monotonic", lambda: now[0])
+    meter = study.ProgressBar(io.StringIO())
+    progress = study.Progress(
+        1, {("single", 0): study.EpisodeProgress("single", 0, share=0.2)}
+    )  # resumed: 0.2 was there before
     meter(progress)
     assert meter.left(progress) == ""
     now[0] += 60
-    assert meter.left(progress.heard(study.Tick("single", 0, share=0.5))) == "about 01:40 left"  # 60 s · 0.5 / 0.3
+    assert (
+        meter.left(progress.heard(study.EpisodeProgress("single", 0, share=0.5))) == "about 01:40 left"
+    )  # 60 s · 0.5 / 0.3
 
 
 def test_a_long_study_is_told_in_few_lines():
     stream = io.StringIO()
-    progress = study.Progress(1, {("single", k): study.Tick("single", k) for k in range(200)})
-    with study.Meter(stream) as meter:
+    progress = study.Progress(1, {("single", k): study.EpisodeProgress("single", k) for k in range(200)})
+    with study.ProgressBar(stream) as meter:
         for k in range(200):
-            progress = progress.heard(study.Tick("single", k, 5, 1, 1.0, True))
+            progress = progress.heard(study.EpisodeProgress("single", k, 5, 1, 1.0, True))
             meter(progress)
     told = stream.getvalue().splitlines()
     assert len(told) == 20
@@ -609,5 +614,5 @@ def test_a_real_map_ends_with_its_tables(tmp_path, name):
     config = Config(image_width=32, fit_steps=4, max_cycles=1, n_subgoals=1, cell=0.1)
     outcome = study.compare(str(MAPS / f"{name}.yaml"), ["distributed", "single"], 1, 2, config, tmp_path, workers=0)
     assert not outcome.failures
-    for table in study.tables(outcome.results):
+    for table in report.tables(outcome.results):
         assert {row[0] for row in table.rows} >= {"distributed", "single"}

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mannbv import episode, messages, study
+from mannbv import episode, messages
 from mannbv.config import Config
-from mannbv.study import paper, quality, traffic
+from mannbv.lab import report, study
+from mannbv.lab.report import communication, paper, quality
 
 TINY = Config(max_cycles=3, fit_steps=4, image_width=32)
 PAPER = Path(__file__).parents[1].parent / "shared" / "paper.tex"
@@ -92,10 +93,10 @@ def test_our_formulas_give_the_papers_sizes():
 
 
 def test_the_papers_rows_stand_beside_what_our_formula_gives():
-    two, five = traffic.growth_tables([made_up(3, [])])[0], traffic.growth_tables([made_up(3, [])])[-1]
+    two, five = communication.growth_tables([made_up(3, [])])[0], communication.growth_tables([made_up(3, [])])[-1]
     assert cells(two, "paper, step 4") == ("paper, step 4", "190,716", "189,123", "20.29", "–", "20.28")
     assert cells(five, "paper, step 1")[1:] == ("56,741", "51,055", "30,174", "50,368", "22,909", "11.28", "–", "11.19")
-    six = traffic.team_tables([made_up(3, [])])[0]
+    six = communication.team_tables([made_up(3, [])])[0]
     assert cells(six, "10 robots")[-3:] == ("2.25", "16.84", "2.150")
     assert any("for ten robots: 2.150 where that is 2.25" in note for note in six.notes)
 
@@ -135,7 +136,11 @@ def test_results_without_episodes_still_load_and_say_what_to_do(results, tmp_pat
     (tmp_path / "results.json").write_text(json.dumps(old))
     (merged,), _ = study.gather([tmp_path])
     assert merged["episodes"] == []
-    for table in (traffic.growth_table(merged), traffic.time_table(merged), traffic.exchange_table(merged)):
+    for table in (
+        communication.growth_table(merged),
+        communication.time_table(merged),
+        communication.exchange_table(merged),
+    ):
         assert table.rows == ()
         assert any("run the same compare again" in note for note in table.notes)
     study.save(results, tmp_path / "results.json")
@@ -189,19 +194,19 @@ def test_run_files_are_those_beside_the_results(tmp_path):
 
 def test_growth_shows_five_cycles_the_last_among_them():
     counts = [[100 * c, 7 * c] for c in range(1, 10)]
-    table = traffic.growth_table(made_up(2, [told("centralized", counts, [1_000_000 * c for c in range(1, 10)])]))
+    table = communication.growth_table(made_up(2, [told("centralized", counts, [1_000_000 * c for c in range(1, 10)])]))
     assert [row[0] for row in table.rows] == ["cycle 1", "cycle 3", "cycle 5", "cycle 7", "cycle 9"]
     assert cells(table, "cycle 9")[1:] == ("900", "63", f"{963 * 56 / 2**20:.4f}", "9.00", "–")
     assert "the paper's Table III" in table.title
-    plane = traffic.growth_table(made_up(2, [told("centralized", counts, [0] * 9)], dim=2))
+    plane = communication.growth_table(made_up(2, [told("centralized", counts, [0] * 9)], dim=2))
     assert cells(plane, "cycle 9")[3:5] == (f"{963 * 40 / 2**20:.4f}", "0")
-    assert "Tables III and V" in traffic.growth_table(made_up(3, [])).title
-    lonely = traffic.growth_table(made_up(2, [told("limited", counts, [0] * 9)]))
+    assert "Tables III and V" in communication.growth_table(made_up(3, [])).title
+    lonely = communication.growth_table(made_up(2, [told("limited", counts, [0] * 9)]))
     assert "No centralized run here" in lonely.notes[0]
 
 
 def test_both_growth_tables_are_there_and_say_what_to_run():
-    tables = traffic.growth_tables([made_up(5, [told("centralized", [[9] * 5], [1])])])
+    tables = communication.growth_tables([made_up(5, [told("centralized", [[9] * 5], [1])])])
     assert [table.name for table in tables] == ["table3-growth-2-robots", "table5-growth-hall-3d-5-robots"]
     assert tables[0].notes[0] == "Of ours: compare hall --dim 3 --robots 2 --out DIR; then tables on all folders."
     assert len(tables[0].paper) == 4
@@ -214,18 +219,18 @@ def test_team_sizes_are_compared_at_the_same_cycle():
         limited = told("limited", [[1] * n] * cycles, [0] * cycles, [10_000 * n * c for c in range(1, cycles + 1)])
         return made_up(n, [central, limited])
 
-    (table,) = traffic.team_tables([team(5, 9), team(2, 6)])  # half of six cycles: the third
+    (table,) = communication.team_tables([team(5, 9), team(2, 6)])  # half of six cycles: the third
     assert cells(table, "2 robots")[1:5] == ("6,000", f"{6000 * 56 / 2**20:.3f}", "0.0600", "0.0500")
     assert cells(table, "5 robots")[1:5] == ("15,000", f"{15000 * 56 / 2**20:.3f}", "0.150", "0.500")
     assert cells(table, "7 robots")[1:4] == ("–", "–", "–")
     assert table.notes[0] == "Planning cycle 3 of every run (its first seed), half way through the shortest."
     assert "--robots N --out DIR for N = 7, 10" in table.notes[-1]
     elsewhere = team(2, 6) | {"scene": "attic"}
-    assert len(traffic.team_tables([team(5, 9), elsewhere])) == 2
+    assert len(communication.team_tables([team(5, 9), elsewhere])) == 2
 
 
 def test_messages_have_the_mean_size_that_the_ledger_says(results, records):
-    table = traffic.exchange_table(results)
+    table = communication.exchange_table(results)
     rows = records["distributed"].ledger.rows
     plans = [row for key, row in rows.items() if key[3] == "Plan"]
     count, size = np.sum(plans, axis=0)
@@ -239,7 +244,7 @@ def test_seconds_are_the_mean_of_a_cycle():
         told("limited", [[1, 1]] * 3, [0] * 3, seconds={"map": 6.0, "plan": 0.3}),
         told("limited", [[1, 1]], [0], seconds={"map": 2.0, "plan": 0.1}, seed=1),
     ]
-    table = traffic.time_table(made_up(2, episodes))
+    table = communication.time_table(made_up(2, episodes))
     assert table.rows == (("limited", "4", "2.00", "0.100", "2.10"),)
 
 
@@ -261,23 +266,23 @@ def test_the_order_of_strategies_is_ours_and_the_papers():
 
 
 def test_all_six_are_told_in_the_papers_order(results):
-    tables = study.paper_tables([results])
+    tables = report.paper_tables([results])
     numbers = [table.name[:6] for table in tables]
     assert numbers == sorted(numbers)
     assert set(numbers) == {*(f"table{k}" for k in range(1, 7)), "time-f"}
     for table in tables:
-        assert max(map(len, study.as_text(table).splitlines())) <= 120
+        assert max(map(len, report.as_text(table).splitlines())) <= 120
 
 
 # ---- files ----------------------------------------------------------------------------------------------------------
 
 
 def test_every_table_is_a_csv_that_parses_and_latex_that_balances(results, tmp_path):
-    tables = study.paper_tables([results, results | {"scene": "50 %_&_{a}\\#"}])
-    files = study.write(tables, tmp_path / "new")
+    tables = report.paper_tables([results, results | {"scene": "50 %_&_{a}\\#"}])
+    files = report.write(tables, tmp_path / "new")
     assert len(set(files)) == 3 * len(tables)
     for table, (text, tex, comma) in zip(tables, zip(*[iter(files)] * 3, strict=True), strict=True):
-        assert text.read_text(encoding="utf-8") == study.as_text(table) + "\n"
+        assert text.read_text(encoding="utf-8") == report.as_text(table) + "\n"
         head, *rows = csv.reader(io.StringIO(comma.read_text(encoding="utf-8")))
         assert len(rows) == len(table.rows) + len(table.paper)
         assert len(set(head)) == len(head)
@@ -293,22 +298,22 @@ def test_every_table_is_a_csv_that_parses_and_latex_that_balances(results, tmp_p
 
 
 def test_csv_cells_are_plain_numbers():
-    table = study.Table(
+    table = report.Table(
         "t", (("", "who"), ("far", "[m]"), ("sent", "[KB]")), (("a", "1.5 ± 0.2", "1,234"), ("b", "2.0", "–"))
     )
-    assert study.table_csv(table) == "who,far [m],± far [m],sent [KB]\na,1.5,0.2,1234\nb,2.0,,\n"
+    assert report.table_csv(table) == "who,far [m],± far [m],sent [KB]\na,1.5,0.2,1234\nb,2.0,,\n"
 
 
 def test_numbers_have_three_digits():
     values = [0.0, 0.000123, 0.0483, 0.999, 1.0, 12.34, 999.6, 12345.6]
-    assert [study.digits(v) for v in values] == ["0", "0.00012", "0.0483", "0.999", "1.00", "12.3", "1,000", "12,346"]
+    assert [report.digits(v) for v in values] == ["0", "0.00012", "0.0483", "0.999", "1.00", "12.3", "1,000", "12,346"]
 
 
 def test_tables_of_one_name_do_not_overwrite_each_other(tmp_path):
-    one, other = (study.Table("t", (("", "x"),), ((word,),), name="same") for word in ("one", "other"))
-    files = study.write([one, other], tmp_path)
+    one, other = (report.Table("t", (("", "x"),), ((word,),), name="same") for word in ("one", "other"))
+    files = report.write([one, other], tmp_path)
     assert [file.name for file in files[::3]] == ["same.txt", "same-2.txt"]
     assert "other" in files[3].read_text()
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="file"):
-        study.write([one], tmp_path / "file")
+        report.write([one], tmp_path / "file")

@@ -38,7 +38,7 @@ def crew(place):
 
 
 def after(crew, place, strategy, config=SMALL, graph="complete"):
-    mission, post = mission_for(place, strategy, config, graph), messages.Post(config.codec)
+    mission, post = mission_for(place, strategy, config, graph), messages.Mailbox(config.codec)
     robots = team.REGISTRY[strategy].share(list(crew), mission, post, 0)
     return robots, mission, post
 

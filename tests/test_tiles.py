@@ -11,8 +11,8 @@ from helpers import random_map, random_pose
 from mannbv import information, render
 from mannbv.camera import Camera
 from mannbv.geometry import yaw_pose
-from mannbv.kernels import tiles as pairs_of
-from mannbv.render import tiles
+from mannbv.kernels.space import tiles as pairs_of
+from mannbv.render import space
 from mannbv.splats import SplatMap
 
 NAMES = ["plain", "clamped", "needles", "huge", "near", "loose rotations"]
@@ -62,10 +62,10 @@ def test_kernel_and_twin_agree_to_the_last_digits_without_cut_offs(name, size, r
     own, others = splats.select(torch.arange(40)), splats.select(torch.arange(40, 60))
     for _ in range(3):
         pose, slopes = random_pose(rng, 3), torch.from_numpy(rng.normal(size=(5, *camera.shape)))
-        fast = with_slopes(lambda m, pose=pose: tiles.render(m, camera, pose, 0.0, 0.0), splats, slopes)
+        fast = with_slopes(lambda m, pose=pose: space.render(m, camera, pose, 0.0, 0.0), splats, slopes)
         slow = with_slopes(lambda m, pose=pose: image(render.render(m, camera, pose, "dense")), splats, slopes)
         assert all(close(a, b, 1e-9) for a, b in zip(fast, slow, strict=True))
-        fast = tiles.fisher(splats, 40, camera, pose, 0.05, 0.1, 0.0, 0.0)
+        fast = space.fisher(splats, 40, camera, pose, 0.05, 0.1, 0.0, 0.0)
         slow = information.fisher(own, camera, pose, others, "dense", 0.05, 0.1)
         assert close(fast, slow, 1e-9)
 
@@ -90,8 +90,8 @@ def test_single_precision_alone_costs_a_millionth(rng):
     single = cast(splats, torch.float32)
     slopes = torch.from_numpy(rng.normal(size=(5, 48, 64)))
     for fast, slow in zip(
-        with_slopes(lambda m: tiles.render(m, camera, pose, 0.0, 0.0), single, slopes.float()),
-        with_slopes(lambda m: tiles.render(m, camera, pose, 0.0, 0.0), splats, slopes),
+        with_slopes(lambda m: space.render(m, camera, pose, 0.0, 0.0), single, slopes.float()),
+        with_slopes(lambda m: space.render(m, camera, pose, 0.0, 0.0), splats, slopes),
         strict=True,
     ):
         assert (fast.double() - slow).abs().max() < 1e-4 * slow.abs().max()
@@ -104,8 +104,8 @@ def test_the_same_bits_whatever_the_number_of_threads(rng):
     try:
         for threads in (1, numba.config.NUMBA_NUM_THREADS, 1):
             numba.set_num_threads(threads)
-            answers.append(with_slopes(lambda m: tiles.render(m, camera, pose), splats, slopes))
-            answers[-1].append(tiles.fisher(splats, 2000, camera, pose, 0.05, 0.1))
+            answers.append(with_slopes(lambda m: space.render(m, camera, pose), splats, slopes))
+            answers[-1].append(space.fisher(splats, 2000, camera, pose, 0.05, 0.1))
     finally:
         numba.set_num_threads(before)
     for answer in answers[1:]:
@@ -115,7 +115,7 @@ def test_the_same_bits_whatever_the_number_of_threads(rng):
 def test_every_pixel_finds_every_splat_that_reaches_it(rng):
     """The pairs against brute force over pixels; a tile too few would leave holes, which no tolerance may hide."""
     splats, camera, pose = scene("needles", rng, 300), Camera.from_fov(75, 50), random_pose(rng, 3)
-    seen = tiles.sort(splats, camera, pose)
+    seen = space.sort(splats, camera, pose)
     x, y = np.meshgrid(np.arange(75) + 0.5, np.arange(50) + 0.5)
     across, needed, kept = -(-75 // pairs_of.TILE), set(), set()
     for s, (u, v, a, b, c, reach) in enumerate(seen.splats[:, :6]):
@@ -168,7 +168,7 @@ def test_what_the_kernel_must_not_see_is_refused(field, value, message, rng):
 
 def test_auto_draws_with_the_kernel_where_it_applies_and_with_the_twin_elsewhere(rng):
     splats, camera, pose = scene("plain", rng), Camera.from_fov(20, 10), random_pose(rng, 3)
-    assert render.engine("auto", cast(splats, torch.float32), pose.position) is tiles
+    assert render.engine("auto", cast(splats, torch.float32), pose.position) is space
     assert render.engine("auto", splats, pose.position) is None  # float64
     assert render.engine("auto", cast(splats, torch.float32), pose.position.requires_grad_()) is None
     with pytest.raises(ValueError, match="the kernel serves float32"):

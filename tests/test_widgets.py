@@ -10,9 +10,10 @@ import pytest
 import torch
 from helpers import random_map
 
-from mannbv import grid, widgets
-from mannbv.widgets import Explorer, items
-from mannbv.widgets.settings import Choice, Place, Range, Switch, Turn
+from mannbv import grid
+from mannbv.course import widgets
+from mannbv.course.widgets import Explorer, items
+from mannbv.course.widgets.settings import Choice, Place, Range, Switch, Turn
 
 ROOT = Path(__file__).parent.parent
 EXPLORERS = [name for name in widgets.__all__ if name != "Explorer"]

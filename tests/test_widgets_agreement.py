@@ -6,9 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from mannbv import consensus, geometry, network, widgets
+from mannbv import consensus, geometry, network
+from mannbv.course import widgets
 
-module = importlib.import_module("mannbv.widgets.agreement")  # the package's name of it is the explorer
+module = importlib.import_module("mannbv.course.widgets.consensus")  # the package's name of it is the explorer
 CAPTION, RINGS, LINKS, RESIDUALS, SHARE = range(5)
 
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from mannbv import geometry, information, objective, splats, widgets
-from mannbv.widgets import bound
+from mannbv import geometry, information, objective, splats
+from mannbv.course import widgets
+from mannbv.course.widgets import bound
 
 FLAGS = list(itertools.product((False, True), repeat=3))
 PLACES = [{}, {"other": (1.75, -2.0)}, {"other": (-0.5, -1.6), "turned": 1.2, "viewer": (-1.0, 0.2), "yaw": -0.4}]

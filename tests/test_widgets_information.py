@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from mannbv import draw, geometry, information, widgets
-from mannbv.widgets import information as module
+from mannbv import geometry, information
+from mannbv.course import widgets
+from mannbv.course.widgets import information as module
+from mannbv.lab import draw
 
 YAWS = np.linspace(-3.0, 3.0, 7)
 ROOM, CAMERA = module._room(), module._CAMERA

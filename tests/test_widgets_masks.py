@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy import sparse, stats
 
-from mannbv import widgets, world
+from mannbv import world
+from mannbv.course import widgets
 
 STD, LEVEL = 0.05, 0.1
 START, GOAL = (2.6, 0.8), (8.7, 6.7)

@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from mannbv import episode, messages, network, team, widgets, world
+from mannbv import episode, messages, network, team, world
 from mannbv.camera import Camera
 from mannbv.config import Config
-from mannbv.widgets.traffic import cycle_ledger, size_of
+from mannbv.course import widgets
+from mannbv.course.widgets.traffic import cycle_ledger, size_of
 
 CONFIG = Config(image_width=32, fit_steps=2, n_yaws=36, n_subgoals=1, rounds=4)
 ASKED = {"graph": "complete", "robots": 5, "splats": 400, "rounds": 30, "waypoints": 20, "codec": "binary"}
@@ -28,7 +29,7 @@ def started():
 @pytest.mark.parametrize("strategy", ["distributed", "limited", "centralized"])
 def test_the_account_lists_the_messages_that_a_team_sends(started, strategy):
     mission, robots = started
-    post = messages.Post("binary", network=mission.network)
+    post = messages.Mailbox("binary", network=mission.network)
     mission = team.Mission(mission.world, mission.camera, CONFIG, mission.network, strategy, 0)
     _, report = team.cycle(robots, mission, post, 0)
     rounds = len(report["residuals"])

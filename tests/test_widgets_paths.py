@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy import ndimage, sparse, spatial, stats
 
-from mannbv import widgets, world
+from mannbv import world
+from mannbv.course import widgets
 
 CELL, LEVEL, SCALE = 0.1, 0.1, 0.3
 MAPS = widgets.risk_weight().settings["known"].options

@@ -9,9 +9,10 @@ import pytest
 import torch
 from scipy import stats
 
-from mannbv import episode, messages, widgets, world
+from mannbv import episode, messages, world
 from mannbv.config import Config
-from mannbv.widgets.film import Film
+from mannbv.course import widgets
+from mannbv.course.widgets.playback import Playback
 
 CONFIG = Config(image_width=32, fit_steps=4, max_cycles=3, n_yaws=72, rounds=6, n_subgoals=2)
 
@@ -38,7 +39,7 @@ def handle(panel) -> dict:
 
 
 def test_at_whole_cycles_the_robots_stand_and_look_as_the_record_says(kept):
-    film = Film(kept)
+    film = Playback(kept)
     for k, robot in enumerate(kept[-1].robots):
         for number, cycle in enumerate(kept[-1].cycles):
             trail, here, yaw = film.stand(float(number), k)
@@ -53,7 +54,7 @@ def test_at_whole_cycles_the_robots_stand_and_look_as_the_record_says(kept):
 
 
 def test_between_two_cycles_a_robot_is_on_its_way_and_faces_along_it(kept):
-    film, robot = Film(kept), kept[-1].robots[0]
+    film, robot = Playback(kept), kept[-1].robots[0]
     starts = [cycle["robots"][0]["position"] for cycle in kept[-1].cycles[:2]]
     trail, here, yaw = film.stand(0.5, 0)
     assert min(np.linalg.norm(here - starts[0]), np.linalg.norm(here - starts[1])) > 0.1
@@ -68,7 +69,7 @@ def test_between_two_cycles_a_robot_is_on_its_way_and_faces_along_it(kept):
 
 
 def test_the_map_is_that_of_the_cycle_where_records_of_every_cycle_are_given(kept):
-    film = Film(kept)
+    film = Playback(kept)
     for number, cycle in enumerate(kept[-1].cycles):
         for k, told in enumerate(cycle["robots"]):
             assert film.belief(number, k).splats.n_splats == told["splats"] + told["guests"]
@@ -108,7 +109,7 @@ def test_the_probe_reads_the_robots_map_and_the_true_distance(kept, place):
 
 
 def test_the_curves_are_those_of_the_record(kept):
-    film, last = Film(kept), kept[-1]
+    film, last = Playback(kept), kept[-1]
     done = film.measured("way to the goal done [%]")
     assert done.shape == (4, 2) and np.all(done[0] == 0)
     for k, robot in enumerate(last.robots):
@@ -136,7 +137,7 @@ def test_the_time_can_be_dragged_along_the_chart(kept):
     assert handle(chart)["along"] == "x" and handle(place)["name"] == "probe"
     explorer._moved({"name": "cycle", "x": 1.4, "y": 0.0, "along": "x"})
     chart = explorer.canvas.picture["panels"][1]
-    done = Film(kept).measured("way to the goal done [%]")[:, 0]
+    done = Playback(kept).measured("way to the goal done [%]")[:, 0]
     assert handle(chart)["at"] == pytest.approx([1.4, done[1] + 0.4 * (done[2] - done[1])])
     assert explorer.says.value.startswith("cycle 1, robot 0") and explorer.controls["cycle"].value == 1.4
 

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import torch
 
-from mannbv import episode, geometry, render, widgets, world
+from mannbv import episode, geometry, render, world
 from mannbv.camera import Camera
 from mannbv.config import PRESETS
+from mannbv.course import widgets
+from mannbv.course.widgets.playback import Playback
+from mannbv.course.widgets.recording import Recording, lean
 from mannbv.grid import FREE, OCCUPIED, UNKNOWN
-from mannbv.widgets.film import Film
-from mannbv.widgets.reel import Reel, lean
 
 CONFIG = PRESETS[3]["quick"].replace(
     image_width=16, image_height=16, fit_steps=4, max_cycles=3, n_yaws=36, rounds=6, n_subgoals=2
@@ -35,7 +36,7 @@ def kept(place):
 
 @pytest.fixture(scope="module")
 def reel(kept, place):
-    return Reel.of(kept, place)
+    return Recording.of(kept, place)
 
 
 def shown(explorer, **values):
@@ -89,7 +90,7 @@ def test_the_ground_is_that_of_the_robot_after_the_cycle(kept, reel):
 
 def test_a_reel_is_read_as_it_was_written_but_for_jpeg(reel, tmp_path):
     reel.save(tmp_path / "reel.npz")
-    again = Reel.load(tmp_path / "reel.npz")
+    again = Recording.load(tmp_path / "reel.npz")
     assert np.array_equal(again.state, reel.state) and np.array_equal(again.psnr, reel.psnr, equal_nan=True)
     ours, theirs = (each.views.reshape(18, -1).astype(float) for each in (reel, again))
     apart = np.abs(ours[:, None] - theirs).mean(-1)
@@ -109,7 +110,7 @@ def test_what_is_no_reel_is_named_in_one_line(reel, tmp_path, spoil):
         reel.save(path)
         path.write_bytes(path.read_bytes()[:2000])
     with pytest.raises(ValueError, match=r"reel\.npz: no reel \(.*tools/records\.py") as caught:
-        Reel.load(path)
+        Recording.load(path)
     assert "\n" not in str(caught.value) and "pickle" not in str(caught.value)
 
 
@@ -143,7 +144,7 @@ def test_pictures_and_ground_are_those_of_the_cycle_and_the_robot(kept, reel, tm
         record.save(tmp_path / "lean.npz")
         reel.save(tmp_path / "reel.npz")
         explorer = widgets.replay(tmp_path / "lean.npz", str(tmp_path / "reel.npz"))
-        reel = Reel.load(tmp_path / "reel.npz")
+        reel = Recording.load(tmp_path / "reel.npz")
     else:
         explorer = widgets.replay(record, reel, place)
     for time, robot in ((0.0, 0), (1.4, 1), (3.0, 0)):
@@ -195,7 +196,7 @@ def test_a_reel_of_another_episode_is_refused(kept, reel, place):
 
 
 def test_the_player_serves_records_of_space(kept, place):
-    assert Film(kept[-1]).place.dim == 3  # found by its name
+    assert Playback(kept[-1]).place.dim == 3  # found by its name
     explorer = widgets.player(kept[:3], place)
     for layer in explorer.settings["layer"].sweep():
         for time in (0.0, 1.5, 3.0):

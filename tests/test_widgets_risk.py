@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from mannbv import draw, risk, widgets
+from mannbv import risk
+from mannbv.course import widgets
+from mannbv.lab import draw
 
 FIXED = {"orange": (2.5, 1.75), "blue": (1.1, 1.5)}
 NAMES = ("orange", "blue", "left", "right")

@@ -7,10 +7,11 @@ import pytest
 import torch
 from helpers import random_map
 
-from mannbv import geometry, render, splats, widgets, world
+from mannbv import geometry, render, splats, world
 from mannbv.camera import Camera
+from mannbv.course import widgets
+from mannbv.course.widgets.walk import _CAMERA, flat_with_a_height
 from mannbv.splats import SplatMap
-from mannbv.widgets.walk import _CAMERA, flat_with_a_height
 
 RED, GREEN, BLUE, GREY = (1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0), (0xE4,) * 3
 # balls around the middle of a square, each of its own colour: along +x, along +y, and over the first one

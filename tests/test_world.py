@@ -12,7 +12,7 @@ from PIL import Image
 
 from mannbv import geometry, grid, world
 from mannbv.camera import Camera
-from mannbv.kernels import rays
+from mannbv.kernels.flat import rays
 from mannbv.world import bodies, cells, faces, plan, rosmap
 
 CAMERA = Camera.from_fov(64)

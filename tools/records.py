@@ -25,10 +25,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from mannbv import episode, metrics, risk, splats, study, world
+from mannbv import episode, metrics, risk, splats, world
 from mannbv.camera import Camera
 from mannbv.config import PRESETS
-from mannbv.widgets.reel import Reel, lean
+from mannbv.course.widgets.recording import Recording, lean
+from mannbv.lab import study
 from mannbv.world import Place, SceneError
 
 RECORDS = Path(__file__).resolve().parent.parent / "notebooks" / "records"
@@ -42,7 +43,7 @@ def film(out: Path) -> None:
     place, kept = world.load(SCENE, dim=3), []
     record = episode.run(place, STRATEGY, PRESETS[3]["quick"], progress=kept.append)
     lean(record).save(out / "15_episode.npz")
-    Reel.of(kept, place).save(out / "15_reel.npz")
+    Recording.of(kept, place).save(out / "15_reel.npz")
 
 
 def evaluation(folders: list[Path], out: Path) -> None:

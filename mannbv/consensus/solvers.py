@@ -10,7 +10,7 @@ from jaxtyping import Float
 from mannbv import geometry
 from mannbv import network as networks
 from mannbv.consensus import objectives as tables
-from mannbv.consensus.agreement import Agreement, start, step
+from mannbv.consensus.cadmm import Agreement, start, step
 
 
 @dataclass(frozen=True, eq=False)

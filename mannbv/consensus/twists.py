@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mannbv import network as networks
-from mannbv.consensus.agreement import Agreement, start
+from mannbv.consensus.cadmm import Agreement, start
 from mannbv.consensus.solvers import Settings, exchange
 
 SOLVERS = {"cadmm": "exact", "cadmm-gradient": "gradient"}

@@ -2,7 +2,7 @@
 
 from mannbv.mapping.adam import Moments
 from mannbv.mapping.fitting import fit, loss, refine
-from mannbv.mapping.growth import mistaken, newborn, survivors, thinned, unexplained
+from mannbv.mapping.insertion import mistaken, newborn, survivors, thinned, unexplained
 from mannbv.mapping.local import LocalMap, observe, window
 from mannbv.mapping.store import from_arrays, load, save, to_arrays
 

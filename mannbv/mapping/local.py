@@ -13,7 +13,7 @@ from mannbv.camera import Camera, Frame
 from mannbv.config import Config
 from mannbv.mapping.adam import Moments
 from mannbv.mapping.fitting import refine
-from mannbv.mapping.growth import mistaken, newborn, survivors, unexplained
+from mannbv.mapping.insertion import mistaken, newborn, survivors, unexplained
 from mannbv.splats import SplatMap
 
 

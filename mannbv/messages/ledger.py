@@ -110,7 +110,7 @@ class Ledger:
         return Ledger(rows)
 
 
-class Post:
+class Mailbox:
     """A mailbox for robots in one process. What arrives has been through bytes, and every byte is in the ledger.
 
     network: where given, messages cross only its links. lost(sender, receiver, message) → True drops a message, whose

@@ -11,7 +11,7 @@ from torch import Tensor
 from mannbv import geometry
 from mannbv.camera import LOW_PASS, NEAR, Camera
 from mannbv.geometry import Pose
-from mannbv.kernels.row import MAX_BLEND
+from mannbv.kernels.flat.row import MAX_BLEND
 from mannbv.splats import SplatMap
 
 _REACH = 13.0  # standard deviations past which exp(−x²/2) vanishes even in float32

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from mannbv.camera import Camera
 from mannbv.geometry import Pose
-from mannbv.render import dense, row, tiles
+from mannbv.render import dense, flat, space
 from mannbv.render.dense import Rendering
 from mannbv.splats import SplatMap
 
@@ -15,14 +15,14 @@ METHODS = ("auto", "dense", "tiled")
 
 
 def engine(method: str, splat_map: SplatMap, *others: Tensor):
-    """The kernel's module that `method` means here (`row` for flatland, `tiles` for space), or None for the dense twin.
+    """The kernel's module that `method` means here (`flat` or `space`), or None for the dense twin.
 
     A kernel serves float32 on the CPU, with no gradient asked of `others`. "tiled" on another device warns and leaves
     it to the twin. Raises ValueError for an unknown method, and for "tiled" where no kernel applies.
     """
     if method not in METHODS:
         raise ValueError(f"render: unknown method '{method}'; use {', '.join(METHODS)}")
-    fitting = next((kernel for kernel in (row, tiles) if kernel.serves(splat_map, *others)), None)
+    fitting = next((kernel for kernel in (flat, space) if kernel.serves(splat_map, *others)), None)
     device = splat_map.means.device.type
     if method == "tiled" and device != "cpu":
         text = f"render: the kernel runs on the CPU, this map is on {device}: the dense twin draws it"

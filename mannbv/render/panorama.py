@@ -14,11 +14,11 @@ import torch
 from torch import Tensor
 
 from mannbv.camera import EDGE, LOW_PASS, NEAR, Camera
-from mannbv.kernels import panorama, space
-from mannbv.kernels import tiles as pairs_of
-from mannbv.render import row as rows
-from mannbv.render.row import CUTOFF, FLOOR
-from mannbv.render.tiles import array, by_range, refuse
+from mannbv.kernels.space import panorama, projection
+from mannbv.kernels.space import tiles as pairs_of
+from mannbv.render import flat as rows
+from mannbv.render.flat import CUTOFF, FLOOR
+from mannbv.render.space import array, by_range, refuse
 from mannbv.splats import SplatMap
 
 STEEPEST = math.radians(65)  # nearer to the poles a cylinder stretches splats too much
@@ -184,14 +184,14 @@ def _cylinder(joint, camera, position, worth, pitch, noise, cutoff, floor) -> Pa
     images = panorama.project(
         means, log_scales, rotations, logits, position, lens, size, dtype.type(NEAR), low_pass, dtype.type(cutoff)
     )
-    index = np.flatnonzero(images[0, :, space.REACH] > 0)
-    index = index[by_range(images[0, index, space.FAR])]
+    index = np.flatnonzero(images[0, :, projection.REACH] > 0)
+    index = index[by_range(images[0, index, projection.FAR])]
     copies, shift = _around_the_seam(images[0, index], around.columns)
     values = np.concatenate([colors[index] / noise[0], (means[index] - position) / noise[1]], 1)[copies]
     shape = means, log_scales, rotations, position, lens
     table = panorama.worths(index, images[0, index], *shape, worth, *noise)[copies]
     images = images[:, index[copies]]
-    images[:, :, space.U] += shift
+    images[:, :, projection.U] += shift
     pairs, starts, _, _ = pairs_of.sort(images[0], around.columns, around.height)
     order = np.argsort(-np.diff(starts), kind="stable")
     common = images[0], values, table, pairs, starts, order, around.columns, around.height, dtype.type(floor)
@@ -201,9 +201,9 @@ def _cylinder(joint, camera, position, worth, pitch, noise, cutoff, floor) -> Pa
 
 def _around_the_seam(image: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray]:
     """Rows (m,) of splats, those across the seam twice or thrice, and how far to shift each [px]."""
-    a, b, c = image[:, space.LXX], image[:, space.LXY], image[:, space.LYY]
-    side = np.sqrt(image[:, space.REACH] * (b * b + c * c)) / (a * c) + 1
-    left, right = image[:, space.U] < side, image[:, space.U] > columns - side
+    a, b, c = image[:, projection.LXX], image[:, projection.LXY], image[:, projection.LYY]
+    side = np.sqrt(image[:, projection.REACH] * (b * b + c * c)) / (a * c) + 1
+    left, right = image[:, projection.U] < side, image[:, projection.U] > columns - side
     copies = np.concatenate([np.arange(len(image)), np.flatnonzero(left), np.flatnonzero(right)])
     shift = np.repeat(np.array([0, columns, -columns], image.dtype), [len(image), left.sum(), right.sum()])
     order = np.argsort(copies, kind="stable")

@@ -10,7 +10,7 @@ from mannbv.team.strategies import best_yaw, way
 _ROUNDS = {"cadmm": {}, "cadmm-gradient": {"primal": "gradient"}, "cadmm-literal": {"circle": False}}
 
 
-def agree(robots: list[Robot], gains: np.ndarray, mission: Mission, post: messages.Post, cycle: int, solver: str):
+def agree(robots: list[Robot], gains: np.ndarray, mission: Mission, post: messages.Mailbox, cycle: int, solver: str):
     """Everyone's yaw (N,) [rad] from the stacked F_i (N, N, M), and the largest residual of each round.
 
     C-ADMM and the profile exchange really send their messages; any other solver is handed the tables.
@@ -44,7 +44,7 @@ def agree(robots: list[Robot], gains: np.ndarray, mission: Mission, post: messag
     return np.array([state.yaw for state in states]), residuals
 
 
-def _send_profiles(gains: np.ndarray, mission: Mission, post: messages.Post, cycle: int) -> None:
+def _send_profiles(gains: np.ndarray, mission: Mission, post: messages.Mailbox, cycle: int) -> None:
     for i, row in enumerate(gains):
         for k in range(len(gains)):
             if k != i:
@@ -53,7 +53,7 @@ def _send_profiles(gains: np.ndarray, mission: Mission, post: messages.Post, cyc
                 post.collect(k)
 
 
-def suggest(robots: list[Robot], gains: np.ndarray, mission: Mission, post: messages.Post, cycle: int) -> list:
+def suggest(robots: list[Robot], gains: np.ndarray, mission: Mission, post: messages.Mailbox, cycle: int) -> list:
     """Everyone's best view for every teammate, argmax f_ik, sent to it (Fig. 2b): rows of (from, for, yaw, gain)."""
     rows = []
     for robot in robots:

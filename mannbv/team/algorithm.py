@@ -18,7 +18,7 @@ from mannbv.team.stages import move, observe, plan
 from mannbv.team.strategies import REGISTRY
 
 
-def cycle(robots: list[Robot], mission: Mission, post: messages.Post, number: int) -> tuple[list[Robot], dict]:
+def cycle(robots: list[Robot], mission: Mission, post: messages.Mailbox, number: int) -> tuple[list[Robot], dict]:
     """One planning cycle of the whole team (Algorithm 1): the robots after it, and a plain record of what happened."""
     strategy, clock = REGISTRY[mission.strategy], _Clock()
     robots = [observe(robot, mission, number) for robot in robots]  # "update G_i" of the cycle before, line 20

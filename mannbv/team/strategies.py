@@ -27,17 +27,17 @@ def serve_own(robot: Robot, mission: Mission) -> np.ndarray:
     return serve(robot.replace(plans={k: v for k, v in robot.plans.items() if k == robot.index}), mission)
 
 
-def stay_silent(robots: list[Robot], mission: Mission, post: messages.Post, cycle: int) -> list[Robot]:
+def stay_silent(robots: list[Robot], mission: Mission, post: messages.Mailbox, cycle: int) -> list[Robot]:
     """single: nothing is sent."""
     return robots
 
 
-def share_plans(robots: list[Robot], mission: Mission, post: messages.Post, cycle: int) -> list[Robot]:
+def share_plans(robots: list[Robot], mission: Mission, post: messages.Mailbox, cycle: int) -> list[Robot]:
     """distributed: (T_i, P_i) to every teammate, relayed where the graph is not complete (Algorithm 1, line 5)."""
     return _flood(robots, [robot.plans.get(robot.index) for robot in robots], mission, post, cycle)
 
 
-def share_guests(robots: list[Robot], mission: Mission, post: messages.Post, cycle: int) -> list[Robot]:
+def share_guests(robots: list[Robot], mission: Mission, post: messages.Mailbox, cycle: int) -> list[Robot]:
     """limited: plans as above, then every robot sends each teammate the splats in the view it suggests to it."""
     robots = share_plans(robots, mission, post, cycle)
     for robot in robots:
@@ -48,7 +48,7 @@ def share_guests(robots: list[Robot], mission: Mission, post: messages.Post, cyc
     return [_receive(robot, post) for robot in robots]
 
 
-def share_maps(robots: list[Robot], mission: Mission, post: messages.Post, cycle: int) -> list[Robot]:
+def share_maps(robots: list[Robot], mission: Mission, post: messages.Mailbox, cycle: int) -> list[Robot]:
     """centralized: plans, maps and grids to every teammate, so that each holds ⊔ G_i, Eq. (16); in 3-D but for what is
     too wide to be worth it."""
     robots = share_plans(robots, mission, post, cycle)
@@ -88,7 +88,7 @@ def best_yaw(gains: np.ndarray) -> float:
     return float(information.uniform_yaws(len(gains))[int(np.argmax(gains))])
 
 
-def _flood(robots: list[Robot], notes: list, mission: Mission, post: messages.Post, cycle: int) -> list[Robot]:
+def _flood(robots: list[Robot], notes: list, mission: Mission, post: messages.Mailbox, cycle: int) -> list[Robot]:
     """Every robot's note to all others, hop by hop; None where a robot has nothing to say."""
     for hop in network.hops(mission.network):
         for sender, receiver, origin in hop:
@@ -103,7 +103,7 @@ def way(mission: Mission, sender: int, receiver: int) -> list[int]:
     return nx.shortest_path(mission.network, sender, receiver)
 
 
-def _receive(robot: Robot, post: messages.Post) -> Robot:
+def _receive(robot: Robot, post: messages.Mailbox) -> Robot:
     for _, message in post.collect(robot.index):
         if isinstance(message, messages.Plan):
             robot = robot.replace(plans={**robot.plans, message.robot: message})

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mannbv import grid
-from mannbv.kernels import rays
+from mannbv.kernels.flat import rays
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import numpy as np
 from scipy import ndimage
 
 from mannbv import grid
-from mannbv.kernels import rays
+from mannbv.kernels.flat import rays
 from mannbv.world import bodies, places
 from mannbv.world.flat import TEXTURES, World
 

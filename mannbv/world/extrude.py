@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-from mannbv.kernels import rays
+from mannbv.kernels.flat import rays
 from mannbv.world import bodies, faces
 from mannbv.world import plan as plans
 from mannbv.world.plan import Block, Plan, Texture

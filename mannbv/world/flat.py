@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from mannbv import camera, geometry, grid
 from mannbv.config import Config
-from mannbv.kernels import rays
+from mannbv.kernels.flat import rays
 
 SUBRAYS = 5  # rays across a pixel whose colours are averaged; odd: the middle one gives the depth
 TEXTURES = {"plain": rays.PLAIN, "stripes": rays.STRIPES, "noise": rays.NOISE}

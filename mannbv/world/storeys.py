@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from mannbv import grid
-from mannbv.kernels import cover
+from mannbv.kernels.space import cover
 from mannbv.world import cells
 from mannbv.world.flat import SceneError, World
 from mannbv.world.space import BODY

@@ -9,7 +9,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Float, Float32, Int32
 
-from mannbv.kernels import texture
+from mannbv.kernels.space import texture
 
 _LEVELS = 12  # half-size copies of an image, itself included
 

@@ -1,0 +1,14 @@
+"""`doctor`: what is wrong with this installation, and the remedies."""
+
+
+def add(commands) -> None:
+    """Teach the parser this command."""
+    parser = commands.add_parser("doctor", help="what is wrong with this installation, and the remedies")
+    parser.set_defaults(command=run)
+
+
+def run(arguments) -> int:
+    """Run it; returns the exit status."""
+    from mannbv.lab import doctor
+
+    return doctor.main()

@@ -1,0 +1,87 @@
+"""Replay: a recorded episode of space to wind to and fro, with what each robot saw and what its map made of it."""
+
+import functools
+import math
+import os
+
+import numpy as np
+
+from mannbv import episode, world
+from mannbv.config import PRESETS
+from mannbv.course.widgets import items
+from mannbv.course.widgets.explorer import Explorer
+from mannbv.course.widgets.playback import Playback
+from mannbv.course.widgets.player import chart_panel, crew, key
+from mannbv.course.widgets.recording import VIEWS, Recording
+from mannbv.course.widgets.settings import Choice, Range
+
+_TEAM = PRESETS[3]["quick"].replace(image_width=24, image_height=24, fit_steps=8, n_yaws=72, max_cycles=4)
+_LAYERS = ("ground it knows", "true plan")
+_SIDE, _LEFT, _TOP = 118, 470, 40  # [px] of a picture, and where the first one stands
+
+
+def replay(record=None, reel=None, place=None) -> Explorer:
+    """Play an episode of space from its record and its reel: all ways, and one robot's ground, plan, view and pictures.
+
+    record: an `episode.Record`, be it a lean one, or a file of one; reel: a `Recording` or a file of one. By default a team
+    of two is run once, some seconds. place: the World, where `world.load` does not know the scene by its name.
+    Raises ValueError where the two do not belong together; what `episode.load` and `Recording.load` raise.
+    """
+    if record is None:
+        record, reel, place = _small_team()
+    record = episode.load(record) if isinstance(record, (str, os.PathLike)) else record
+    reel = Recording.load(reel) if isinstance(reel, (str, os.PathLike)) else reel
+    asked = len(record.cycles), record.n_robots, *record.robots[0].ground.lattice.shape
+    if reel.state.shape != asked:
+        raise ValueError(f"replay: the record has cycles, robots and cells {asked}, the reel {reel.state.shape}")
+    film = Playback(record, place)
+    return Explorer(
+        functools.partial(_picture, film, reel),
+        {
+            "cycle": Range("cycle", 0, len(film.cycles), 0.0, 0.05, play=900),
+            "robot": Choice("robot", tuple(range(record.n_robots)), 0),
+            "layer": Choice("shown", _LAYERS, _LAYERS[0]),
+            "chart": Choice("over time", tuple(film.measures), "splats in the own map [1]"),
+        },
+        size=(860, 400),
+    )
+
+
+@functools.cache
+def _small_team():
+    print("Two robots drive through the flat in space once; that takes some seconds.")
+    place, kept = world.load("flat", dim=3), []
+    record = episode.run(place, "distributed", _TEAM, n_robots=2, progress=kept.append)
+    return record, Recording.of(kept, place), place
+
+
+def _picture(film: Playback, reel: Recording, cycle, robot, layer, chart):
+    number = min(int(cycle + 1e-6), len(film.cycles) - 1)  # sliders add up 0.05
+    told, like = film.told(number, robot), film.last.robots[robot].ground
+    under = items.walls(film.place) if layer == "true plan" else [items.ground(reel.ground(number, robot, like))]
+    lower, upper = film.place.lower - 0.2, film.place.upper + 0.2
+    plan = items.plan(
+        (50, 45, 360, 300), lower, upper, under + crew(film, cycle, number, robot),
+        title=f"robot {robot}: {layer}", legend=key(robot),
+    )  # fmt: skip
+    pictures = [_view(pixels, k) for k, pixels in enumerate(reel.views[number, robot])]
+    below = chart_panel(film, cycle, robot, chart, (_LEFT + 35, _TOP + _SIDE + 65, 340, 120))
+    before, after = reel.psnr[number, robot]
+    says = f"cycle {number}, robot {robot} {told['status']}, {told['splats']:,} splats; {_degrees(told)}"
+    seen = f"its map shows what it sees {'not at all' if math.isnan(before) else f'to {before:.0f} dB'} before"
+    return [plan, *pictures, below], f"{says}{seen} and to {after:.0f} dB after mapping it"
+
+
+def _degrees(told: dict) -> str:
+    if not told["path"]:
+        return ""
+    chosen, alone = (round(math.degrees(told[yaw])) for yaw in ("chosen", "announced"))
+    return f"looks next along {chosen}°, alone {alone}°; "
+
+
+def _view(pixels: np.ndarray, k: int) -> dict:
+    """A picture (h, w, 3) of bytes as the k-th small panel."""
+    h, w, _ = pixels.shape
+    rgba = np.dstack([pixels, np.full((h, w), 255, np.uint8)])[::-1]
+    box = (_LEFT + k * (_SIDE + 12), _TOP, _SIDE, _SIDE * h / w)
+    return items.panel(box, (0, w), (0, h), [items.image(rgba, (0, w, 0, h))], title=VIEWS[k], xticks=[], yticks=[])

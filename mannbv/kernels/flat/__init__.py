@@ -1,0 +1,1 @@
+"""Flatland: a row of pixels, segments that rays meet."""

@@ -1,0 +1,1 @@
+"""Space: images of tiles, the panorama, textured triangles."""

@@ -1,0 +1,49 @@
+"""Many episodes: comparisons over strategies and seeds, and their statistics."""
+
+from mannbv.lab.study.calibration import KINDS, Calibration, Forecasts, calibrate, calibration, forecasts
+from mannbv.lab.study.comparison import Outcome, Progress, compare, run_file
+from mannbv.lab.study.cycles import episode_of, picked
+from mannbv.lab.study.progress import ProgressBar
+from mannbv.lab.study.reduced import Agreement, SameViews, reduced, same_views
+from mannbv.lab.study.resampling import Estimate, bootstrap
+from mannbv.lab.study.results import StudyError, assemble, gather, load, rows_of, run_files, save
+from mannbv.lab.study.snapshot import RobotSnapshot, Snapshot, midway, snapshot
+from mannbv.lab.study.summary import interval, per_seed, summarise
+from mannbv.lab.study.workers import EpisodeProgress
+
+__all__ = [
+    "KINDS",
+    "Agreement",
+    "Calibration",
+    "EpisodeProgress",
+    "Estimate",
+    "Forecasts",
+    "Outcome",
+    "Progress",
+    "ProgressBar",
+    "RobotSnapshot",
+    "SameViews",
+    "Snapshot",
+    "StudyError",
+    "assemble",
+    "bootstrap",
+    "calibrate",
+    "calibration",
+    "compare",
+    "episode_of",
+    "forecasts",
+    "gather",
+    "interval",
+    "load",
+    "midway",
+    "per_seed",
+    "picked",
+    "reduced",
+    "rows_of",
+    "run_file",
+    "run_files",
+    "same_views",
+    "save",
+    "snapshot",
+    "summarise",
+]
