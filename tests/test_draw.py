@@ -317,7 +317,7 @@ def test_saved_figures_are_the_same_to_the_byte(tmp_path, place):
 
 def test_figures_leave_no_state_behind(tmp_path):
     code = (
-        "import matplotlib, sys; from mannbv import draw;"
+        "import matplotlib, sys; from mannbv.lab import draw;"
         "state = lambda: {k: matplotlib.rcParams[k] for k in matplotlib.rcParams if k != 'backend'}; before = state();"
         f"f, ax = draw.figure(2, 2); draw.path(ax, [[0, 0], [1, 1]]); draw.save(f, {str(tmp_path / 'a.png')!r});"
         "print('matplotlib.pyplot' in sys.modules, before == state())"

@@ -181,7 +181,7 @@ def test_everything_public_says_what_it_is():
             doc = thing.__doc__ or ""
             if not doc or (inspect.isclass(thing) and doc.startswith(f"{name}(")):  # a dataclass writes its own
                 silent.append(f"{info.name}.{name}")
-    for path in (ROOT / "kernels").glob("*.py"):
+    for path in (ROOT / "kernels").rglob("*.py"):
         if not ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))):
             silent.append(str(path))
     assert silent == []

@@ -289,7 +289,7 @@ def test_a_reader_who_leaves_is_no_error():
 
 
 def test_presets_differ_in_the_images_only():
-    from mannbv.__main__ import _config
+    from mannbv.commands.compare import _config
     from mannbv.config import SPACE, Config
 
     assert _config(2, "quick", []) == Config()

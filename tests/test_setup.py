@@ -347,7 +347,7 @@ def test_every_make_target_that_a_document_names_exists(name):
 def test_the_map_names_real_rooms_every_equation_and_every_notebook():
     table = text("README.md").split("## The map")[1].split("\n## ")[0]
     rows = [line.strip("| \n").split(" | ") for line in table.splitlines() if line.startswith("| ")][1:]
-    rooms = {room for row in rows for room in re.findall(r"`(\w+)`", row[1])}
+    rooms = {room for row in rows for room in re.findall(r"`([\w.]+)`", row[1])}
     assert sorted(room for room in rooms if find_spec(f"mannbv.{room}") is None) == []
     met = set()
     for row in rows:

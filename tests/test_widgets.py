@@ -253,6 +253,6 @@ def test_a_view_is_as_wide_as_its_field_of_view():
 
 
 def test_the_browser_knows_every_kind_of_item():
-    script = (ROOT / "mannbv" / "widgets" / "canvas.js").read_text(encoding="utf-8")
+    script = (ROOT / "mannbv" / "course" / "widgets" / "canvas.js").read_text(encoding="utf-8")
     table = script[script.index("const paint = {") : script.index("function axes(")]
     assert set(re.findall(r"^  (\w+)\(", table, flags=re.MULTILINE)) == KINDS.keys()

@@ -95,7 +95,7 @@ def _outdated(asked: Sequence[str]) -> Iterator[Finding]:
 
     from packaging.requirements import Requirement
 
-    file = Path(__file__).resolve().parent.parent / "pyproject.toml"
+    file = Path(__file__).resolve().parents[2] / "pyproject.toml"
     if file.is_file():
         now = tomllib.loads(file.read_text(encoding="utf-8"))["project"]["dependencies"]
         then = [Requirement(text) for text in asked]

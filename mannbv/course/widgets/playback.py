@@ -99,7 +99,7 @@ class Playback:
 
     def _field(self, cycle: int, k: int) -> np.ndarray:
         rest = self.last.robots[k].position[2:]
-        return study.snapshot.ground_risk(self.belief(cycle, k), self.last.config, rest)
+        return study.ground_risk(self.belief(cycle, k), self.last.config, rest)
 
     def _way_risk(self, cycle: int, k: int) -> float:
         """The total risk of the path planned in a cycle, on the map it was planned on [m]; nan without a path."""

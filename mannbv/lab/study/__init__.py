@@ -7,7 +7,7 @@ from mannbv.lab.study.progress import ProgressBar
 from mannbv.lab.study.reduced import Agreement, SameViews, reduced, same_views
 from mannbv.lab.study.resampling import Estimate, bootstrap
 from mannbv.lab.study.results import StudyError, assemble, gather, load, rows_of, run_files, save
-from mannbv.lab.study.snapshot import RobotSnapshot, Snapshot, midway, snapshot
+from mannbv.lab.study.snapshot import RobotSnapshot, Snapshot, ground_risk, midway, snapshot
 from mannbv.lab.study.summary import interval, per_seed, summarise
 from mannbv.lab.study.workers import EpisodeProgress
 
@@ -33,6 +33,7 @@ __all__ = [
     "episode_of",
     "forecasts",
     "gather",
+    "ground_risk",
     "interval",
     "load",
     "midway",

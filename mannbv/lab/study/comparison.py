@@ -12,6 +12,7 @@ from mannbv import consensus, episode, messages, network, risk, team, world
 from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.lab.study import results
+from mannbv.lab.study import workers as pool
 from mannbv.lab.study.results import StudyError
 from mannbv.lab.study.workers import EpisodeProgress, Job
 
@@ -96,7 +97,7 @@ def compare(
         if progress is not None:
             progress(standing)
 
-    faults = workers.run(jobs, workers, watch)
+    faults = pool.run(jobs, workers, watch)
     for job in jobs:
         if job not in faults:
             found[job.strategy, job.seed] = _told(episode.load(job.path))
