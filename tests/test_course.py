@@ -134,7 +134,9 @@ def test_the_copies_hold_no_output_and_every_link_between_them_leads_somewhere(c
 
 @pytest.mark.parametrize("path", LESSONS, ids=lambda path: path.stem)
 def test_three_to_five_exercises_each_checked_by_a_checker_that_exists_and_to_do_at_first(path, course, capsys):
-    room = re.search(r"^from mannbv\.course\.check import (\w+) as check$", "\n".join(map(source, cells(path))), re.MULTILINE)
+    room = re.search(
+        r"^from mannbv\.course\.check import (\w+) as check$", "\n".join(map(source, cells(path))), re.MULTILINE
+    )
     checkers = importlib.import_module(f"mannbv.course.check.{room.group(1)}")
     turns = exercises(course / path.name)
     assert 3 <= len(turns) <= 5
