@@ -9,6 +9,7 @@ import torch
 
 from mannbv import episode, metrics, risk, world
 from mannbv.config import PRESETS, Config
+from mannbv.episode.record import _pack
 from mannbv.grid import FREE, OCCUPIED
 
 SMALL = Config(image_width=32, fit_steps=4, max_cycles=3, n_yaws=72, rounds=6, n_subgoals=2)
@@ -25,7 +26,7 @@ def without_times(record: episode.Record) -> str:
 
 
 def same_robots(a: episode.Record, b: episode.Record) -> bool:
-    packed = [[episode._pack(robot) for robot in record.robots] for record in (a, b)]
+    packed = [[_pack(robot) for robot in record.robots] for record in (a, b)]
     return all(
         p.keys() == q.keys() and all(np.array_equal(p[k], q[k]) for k in p) for p, q in zip(*packed, strict=True)
     )
