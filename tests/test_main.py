@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import os
 import signal
@@ -96,7 +97,7 @@ def test_tables_writes_files_and_figures_and_says_what_it_cannot_draw(folder, tm
 
 def test_tables_leaves_an_unfinished_run_out_and_says_so(folder, tmp_path, capsys):
     record = episode.load(study.run_file(folder, "single", 0))
-    half = episode.dataclasses.replace(record, finished=False, rows=())
+    half = dataclasses.replace(record, finished=False, rows=())
     half.save(tmp_path / "half.npz")
     assert main(["tables", str(folder), str(tmp_path / "half.npz")]) == 0
     assert capsys.readouterr().err == f"mannbv: {tmp_path / 'half.npz'}: not finished (2 cycles so far), left out\n"
