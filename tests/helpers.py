@@ -1,5 +1,7 @@
-"""Small worlds that several tests share: random maps, a room of splats, an analytic sensor for it."""
+"""What several tests share: random maps, a room of splats, an analytic sensor for it; records of other teams."""
 
+import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -7,7 +9,9 @@ import torch
 
 from mannbv import geometry
 from mannbv.camera import Camera, Frame
+from mannbv.episode import Record
 from mannbv.splats import SplatMap
+from mannbv.team import CycleLog, SuggestionLog
 
 
 def random_map(rng: np.random.Generator, n: int, dim: int, dtype=torch.float64, reach: float = 3.0) -> SplatMap:
@@ -93,3 +97,20 @@ def box_frame(camera: Camera, position, yaw: float, dtype=torch.float32) -> Fram
     color = wall_color(origin + rays * depth[:, None])
     tensor = lambda values: torch.from_numpy(values).to(dtype)  # noqa: E731
     return Frame(tensor(color), tensor(depth), pose.to(torch.zeros(0, dtype=dtype)))
+
+
+def crowd(record: Record, n: int) -> Record:
+    """A record of two robots with its robots again and again, as if there were n."""
+    robots = tuple(dataclasses.replace(record.robots[k % 2], index=k) for k in range(n))
+    views = tuple(SuggestionLog(i, k, 0.3 * i, 1.0) for i, k in itertools.permutations(range(n), 2))
+    cycles = tuple(
+        dataclasses.replace(log, robots=tuple(log.robots[k % 2] for k in range(n)), suggestions=views)
+        for log in record.cycles
+    )
+    return dataclasses.replace(record, robots=robots, cycles=cycles)
+
+
+def at_goal(log: CycleLog, robot: int, **changes) -> CycleLog:
+    """The log of a cycle as if a robot had been at its goal and had planned nothing."""
+    there = dataclasses.replace(log.robots[robot], status="reached", view=None, path=())
+    return dataclasses.replace(log, robots=(*log.robots[:robot], there, *log.robots[robot + 1 :]), **changes)

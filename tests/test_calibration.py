@@ -183,18 +183,18 @@ def test_a_cycle_reports_the_risk_that_its_robots_believed_in_when_they_planned(
     post, guests_counted = Mailbox("json"), []
     for number in range(2):
         planned = [team.plan(team.observe(robot, mission, number), mission, number) for robot in robots]
-        robots, report = team.cycle(robots, mission, post, number)
-        for robot, told in zip(planned, report["robots"], strict=True):
+        robots, cycle = team.cycle(robots, mission, post, number)
+        for robot, log in zip(planned, cycle.robots, strict=True):
             both = splats.union(robot.local.splats, robot.guests.splats).to(torch.float64)
             wide = 1 / (torch.cat([robot.local.prior, robot.guests.prior])[:, :2] + TINY.damping_mean)
-            own, path = robot.local.splats.to(torch.float64), np.array(told["path"])
+            own, path = robot.local.splats.to(torch.float64), np.array(log.path)
             plain = by_hand(both, path, TINY.level, "avar", "largest")
             inflated = by_hand(both, path, TINY.level, "avar", "largest", wide.double().numpy())
-            assert_allclose(told["risk"], plain, atol=1e-5)
-            assert_allclose(told["risk_inflated"], inflated, atol=1e-5)
+            assert_allclose(log.risk, plain, atol=1e-5)
+            assert_allclose(log.risk_inflated, inflated, atol=1e-5)
             assert np.abs(plain - inflated).max() > 1e-3
             guests_counted.append(np.abs(plain - by_hand(own, path, TINY.level, "avar", "largest")).max() > 1e-3)
-    json.dumps(report, allow_nan=False)
+    json.dumps(cycle.to_json(), allow_nan=False)
     assert not any(guests_counted[:2])  # the first plans are older than the first maps received
     assert any(guests_counted[2:]) == (strategy == "centralized")
 
@@ -202,9 +202,9 @@ def test_a_cycle_reports_the_risk_that_its_robots_believed_in_when_they_planned(
 def test_a_robot_that_knows_nothing_near_foretells_none(place, monkeypatch):
     monkeypatch.setattr(risk, "in_reach", lambda splat_map, height, config: torch.zeros(splat_map.n_splats) > 0)
     record = episode.run(place, "single", TINY.replace(max_cycles=1), 0, 1)
-    told = record.cycles[0]["robots"][0]
-    assert told["risk"] == told["risk_inflated"] == [None] * len(told["path"])
-    assert study.forecasts([record], place).unknown == len(told["path"])
+    log = record.cycles[0].robots[0]
+    assert log.risk == log.risk_inflated == (None,) * len(log.path)
+    assert study.forecasts([record], place).unknown == len(log.path)
     with pytest.raises(study.StudyError, match="0 waypoints cannot fill 8 bins"):
         study.calibration([record], place)
 
@@ -212,11 +212,11 @@ def test_a_robot_that_knows_nothing_near_foretells_none(place, monkeypatch):
 def test_forecasts_are_all_announced_waypoints_with_their_true_clearance(records, place):
     told = study.forecasts(records, place)
     rows = [
-        (r["risk"][k], r["risk_inflated"][k], float(place.clearance(np.array([point]))[0]), (record.seed, number))
+        (log.risk[k], log.risk_inflated[k], float(place.clearance(np.array([point]))[0]), (record.seed, number))
         for record in records
         for cycle in record.cycles
-        for number, r in enumerate(cycle["robots"])
-        for k, point in enumerate(r["path"])
+        for number, log in enumerate(cycle.robots)
+        for k, point in enumerate(log.path)
     ]
     assert len(rows) > 100
     assert_allclose(told.alpha, np.array([row[:2] for row in rows]).T)
@@ -233,8 +233,10 @@ def test_forecasts_are_all_announced_waypoints_with_their_true_clearance(records
 def test_what_a_calibration_refuses(records, place):
     with pytest.raises(study.StudyError, match="flat, limited, seed 0, is no episode in corridor; give the world"):
         study.calibration(records, world.load("corridor"))
-    cycles = [{"robots": [{"path": [[1.0, 1.0]]}]}]
-    old = dataclasses.replace(records[0], cycles=tuple(cycles))
+    values = records[0].cycles[0].to_json()
+    for robot in values["robots"]:
+        del robot["risk"], robot["risk_inflated"]
+    old = dataclasses.replace(records[0], cycles=(team.CycleLog.from_json(values),))
     with pytest.raises(study.StudyError, match="is an older record without forecasts; run it again"):
         study.calibration([old], place)
     with pytest.raises(study.StudyError, match="no waypoint was announced"):

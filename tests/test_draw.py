@@ -1,6 +1,5 @@
 import dataclasses
 import itertools
-import json
 import math
 import subprocess
 import sys
@@ -9,7 +8,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 import torch
-from helpers import box_frame, box_map, camera_for, random_map
+from helpers import at_goal, box_frame, box_map, camera_for, crowd, random_map
 from matplotlib.collections import EllipseCollection, PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Wedge
@@ -42,16 +41,6 @@ def results(record):
 @pytest.fixture
 def ax():
     return draw.figure(4, 3)[1]
-
-
-def crowd(record, n: int):
-    """The record with its robots again and again, as if there were n."""
-    robots = tuple(dataclasses.replace(record.robots[k % 2], index=k) for k in range(n))
-    cycles = json.loads(json.dumps(record.cycles))
-    for cycle in cycles:
-        cycle["robots"] = [cycle["robots"][k % 2] for k in range(n)]
-        cycle["suggestions"] = [[i, k, 0.3 * i, 1.0] for i, k in itertools.permutations(range(n), 2)]
-    return dataclasses.replace(record, robots=robots, cycles=tuple(cycles))
 
 
 # ---- building blocks ----------------------------------------------------------------------------------------------
@@ -291,10 +280,8 @@ def test_windows_keep_their_shape_and_hold_everything(record, place):
 
 
 def test_a_robot_that_is_at_its_goal_has_a_panel_too(record, place):
-    cycles = json.loads(json.dumps(record.cycles))
-    cycles[0]["robots"][1] |= {"path": [], "view": None, "status": "reached"}
-    cycles[0]["suggestions"] = []
-    made = draw.team_figure(dataclasses.replace(record, cycles=tuple(cycles)), place, cycle=0)
+    cycles = at_goal(record.cycles[0], 1, suggestions=()), *record.cycles[1:]
+    made = draw.team_figure(dataclasses.replace(record, cycles=cycles), place, cycle=0)
     assert len(axes_named(made, "robot ")) == 2
 
 

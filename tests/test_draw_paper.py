@@ -2,13 +2,13 @@
 
 import dataclasses
 import itertools
-import json
 import math
 
 import matplotlib as mpl
 import numpy as np
 import pytest
 import torch
+from helpers import at_goal, crowd
 from matplotlib.collections import EllipseCollection, LineCollection, PatchCollection
 from matplotlib.colors import to_hex
 from matplotlib.patches import Wedge
@@ -18,6 +18,7 @@ from mannbv.config import PRESETS
 from mannbv.lab import draw, report, study
 from mannbv.lab.draw.canvas import PALE
 from mannbv.lab.draw.paper import proposals
+from mannbv.team import SuggestionLog
 
 NAMES = ("centralized", "limited", "distributed")
 SMALL = {"max_cycles": 3, "fit_steps": 4, "image_width": 32, "image_height": 32}
@@ -33,19 +34,14 @@ def records(request):
 
 
 def suggesting(record):
-    cycles = json.loads(json.dumps(record.cycles))
-    cycles[1]["suggestions"] = [[0, 1, 0.5, 30.0], [1, 0, -2.0, 20.0]]
+    views = {1: (SuggestionLog(0, 1, 0.5, 30.0), SuggestionLog(1, 0, -2.0, 20.0))}
+    return with_suggestions(record, views)
+
+
+def with_suggestions(record, views: dict):
+    """The record with other suggestions in some of its cycles."""
+    cycles = (dataclasses.replace(log, suggestions=views.get(log.cycle, log.suggestions)) for log in record.cycles)
     return dataclasses.replace(record, cycles=tuple(cycles))
-
-
-def crowd(record, n: int):
-    """The record with its robots again and again, as if there were n."""
-    robots = tuple(dataclasses.replace(record.robots[k % 2], index=k) for k in range(n))
-    cycles = json.loads(json.dumps(record.cycles))
-    for cycle in cycles:
-        cycle["robots"] = [cycle["robots"][k % 2] for k in range(n)]
-        cycle["suggestions"] = [[i, k, 0.3 * i, 1.0] for i, k in itertools.permutations(range(n), 2)]
-    return dataclasses.replace(record, robots=robots, cycles=tuple(cycles))
 
 
 def titled(made, word: str) -> list:
@@ -86,14 +82,14 @@ def test_the_overview_tells_one_cycle_with_the_ledgers_bytes(records):
     assert f"plans (path, view, yaw) {report.digits(plans / 1000)} KB" in said
     assert "no splat, no image" in said
     for k, robot in enumerate(record.robots):
-        (ax,) = titled(made, f"robot {k}: {record.cycles[1]['robots'][k]['splats']:,} splats")
-        held = robot.local.splats.select(torch.arange(record.cycles[1]["robots"][k]["splats"]))
+        (ax,) = titled(made, f"robot {k}: {record.cycles[1].robots[k].splats:,} splats")
+        held = robot.local.splats.select(torch.arange(record.cycles[1].robots[k].splats))
         assert sum(len(c.get_offsets()) for c in ellipses(ax)) == in_body(held, robot, record.config).sum() > 0
     wedges = [patch for ax in made.axes for patch in ax.patches if isinstance(patch, Wedge)]
-    for wedge, told in zip(wedges, record.cycles[1]["robots"], strict=True):
+    for wedge, log in zip(wedges, record.cycles[1].robots, strict=True):
         middle = math.radians((wedge.theta1 + wedge.theta2) / 2)
-        assert math.cos(middle - told["chosen"]) == pytest.approx(1.0)
-        np.testing.assert_allclose(wedge.center, told["view"][:2])
+        assert math.cos(middle - log.chosen) == pytest.approx(1.0)
+        np.testing.assert_allclose(wedge.center, log.view[:2])
 
 
 def test_what_limited_sharing_sends_is_named(records):
@@ -125,11 +121,11 @@ def test_splats_in_the_mask_are_coloured_by_their_weight(records):
 def test_each_robot_proposes_a_view_for_itself_and_one_for_its_teammate(records):
     record = records["distributed"]
     made = draw.mask_figure(record, 1)
-    told = record.cycles[1]["robots"]
+    logs = record.cycles[1].robots
     for me, mate, yaw, gain in ((0, 1, 0.5, 30), (1, 0, -2.0, 20)):
         (ax,) = titled(made, f"robot {me}'s own map and views; gain for robot {mate}: {gain}")
         own, other = (patch for patch in ax.patches if isinstance(patch, Wedge))
-        for wedge, place, angle in ((own, told[me]["view"], told[me]["announced"]), (other, told[mate]["view"], yaw)):
+        for wedge, place, angle in ((own, logs[me].view, logs[me].announced), (other, logs[mate].view, yaw)):
             np.testing.assert_allclose(wedge.center, place[:2])
             assert math.cos(math.radians((wedge.theta1 + wedge.theta2) / 2) - angle) == pytest.approx(1.0)
         assert other.get_hatch()
@@ -139,20 +135,20 @@ def test_each_robot_proposes_a_view_for_itself_and_one_for_its_teammate(records)
 def test_a_telling_cycle_has_views_suggested_both_ways(records):
     record = records["distributed"]
     assert proposals.telling(record, 1) == (1, 0, 1)
-    cycles = json.loads(json.dumps(record.cycles))
-    cycles[0]["suggestions"], cycles[1]["suggestions"], cycles[2]["suggestions"] = [], [[1, 0, 0.1, 5.0]], []
-    assert proposals.telling(dataclasses.replace(record, cycles=tuple(cycles))) == (1, 1, 0)
-    cycles[1]["robots"][1] |= {"view": None, "path": [], "status": "reached"}  # it still suggests, but plans no more
+    record = with_suggestions(record, {0: (), 1: (SuggestionLog(1, 0, 0.1, 5.0),), 2: ()})
+    assert proposals.telling(record) == (1, 1, 0)
+    first, second, *rest = record.cycles  # robot 1 still suggests a view, but plans no more
+    record = dataclasses.replace(record, cycles=(first, at_goal(second, 1), *rest))
     with pytest.raises(ValueError, match="no robot suggests a view; give a distributed or limited run"):
-        draw.mask_figure(dataclasses.replace(record, cycles=tuple(cycles)))
+        draw.mask_figure(record)
 
 
 def test_growth_shows_ever_more_splats_and_the_bytes_of_the_ledger(records):
     record = records["centralized"]
     made = draw.growth_figure(record)
     each = 14 * 4 if record.robots[0].local.splats.dim > 2 else 10 * 4
-    for cycle, told in enumerate(record.cycles):
-        counts = [robot["splats"] for robot in told["robots"]]
+    for cycle, log in enumerate(record.cycles):
+        counts = [robot.splats for robot in log.robots]
         size = report.digits(sum(counts) * each / 2**20)
         (ax,) = titled(made, f"cycle {cycle + 1}: {sum(counts):,} splats\none uplink {size} MiB")
         held = [

@@ -20,7 +20,7 @@ BOTH = [(2, SMALL), (3, SPACE)]
 
 
 def without_times(record: episode.Record) -> str:
-    cycles = [{k: v for k, v in cycle.items() if k != "seconds"} for cycle in record.cycles]
+    cycles = [{k: v for k, v in log.to_json().items() if k != "seconds"} for log in record.cycles]
     rows = [{k: v for k, v in row.items() if k != "seconds"} for row in record.rows]
     return json.dumps([cycles, rows, record.ledger.to_json(), record.finished])
 
@@ -218,7 +218,7 @@ def test_what_a_robot_in_space_takes_for_ground_is_ground(spatial):
 def test_risk_in_space_is_of_what_the_body_can_touch(spatial):
     record, config = spatial
     robot = record.robots[0]
-    own, path = robot.local.splats, torch.from_numpy(np.array(record.cycles[-1]["robots"][0]["path"]))
+    own, path = robot.local.splats, torch.from_numpy(np.array(record.cycles[-1].robots[0].path))
     height = own.means[:, 2].numpy()
     reach = (height >= 0.1) & (height <= 1.3) & (own.opacities.numpy() >= config.risk_opacity)
     std = own.scales[torch.from_numpy(reach)].double().amax(1)

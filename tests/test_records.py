@@ -89,15 +89,15 @@ def test_in_hindsight_the_last_map_is_asked_from_the_camera_and_from_the_body(ru
     run = _space(runs)[1]
     late = records.in_hindsight(run)
     for cycle, before in zip(late.cycles, run.cycles, strict=True):
-        for robot, told, old in zip(run.robots, cycle["robots"], before["robots"], strict=True):
+        for robot, log, old in zip(run.robots, cycle.robots, before.robots, strict=True):
             means, std = robot.local.splats.means.numpy(), robot.local.splats.scales.amax(1).numpy()
             reach = (means[:, 2] >= 0.1) & (means[:, 2] <= 1.3) & (robot.local.splats.opacities.numpy() >= 0.5)
-            away = np.array(told["path"])[:, None] - means[reach]
+            away = np.array(log.path)[:, None] - means[reach]
             for axes, kind in ((3, "risk"), (2, "risk_inflated")):
                 distance = np.linalg.norm(away[..., :axes], axis=-1)
                 expected = (distance - 1.7549833193248685 * std[reach]).min(1)  # the worst tenth of a Gaussian
-                assert np.allclose(told[kind], expected, atol=1e-4)
-            assert told["path"] == old["path"] and told["risk"] != old["risk"]
+                assert np.allclose(getattr(log, kind), expected, atol=1e-4)
+            assert log.path == old.path and log.risk != old.risk
 
 
 def test_haze_is_scored_on_the_own_map_with_everything_and_with_what_is_sent(made, runs):
@@ -130,11 +130,11 @@ def _quality(splat_map, place, camera, stops) -> tuple[float, float]:
 
 def _paths(record) -> np.ndarray:
     """Announced waypoints (k, 3) [m] whose α is known."""
-    told = [robot for cycle in record.cycles for robot in cycle["robots"]]
+    logs = [robot for cycle in record.cycles for robot in cycle.robots]
     return np.array([
         point
-        for robot in told
-        for point, *alpha in zip(robot["path"], robot["risk"], robot["risk_inflated"], strict=True)
+        for log in logs
+        for point, *alpha in zip(log.path, log.risk, log.risk_inflated, strict=True)
         if None not in alpha
     ])  # fmt: skip
 

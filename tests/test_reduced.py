@@ -165,10 +165,9 @@ def test_a_plane_foretells_itself(place):
 def test_a_robots_map_grows_again_as_it_did(in_space, place):
     for robot in in_space.robots:
         replay = inside._Replay.of(in_space, robot.index, place, TINY)
-        for cycle in range(len(in_space.cycles)):
-            before = in_space.cycles[cycle]["robots"][robot.index]
+        for cycle, log in enumerate(in_space.logs(robot.index)):
             replay._observe(cycle)
-            assert replay.space.local.splats.n_splats == before["splats"]
+            assert replay.space.local.splats.n_splats == log.splats
         assert len(replay.frames) in (1, 2)  # of the last move
         rng = np.random.default_rng([1, len(in_space.cycles), robot.index])
         for frame in replay.frames:

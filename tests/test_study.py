@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from helpers import at_goal
 from scipy import stats
 
 from mannbv import consensus, episode, risk, team, world
@@ -555,9 +556,9 @@ def test_a_snapshot_is_what_the_cycle_planned_on_the_maps_of_today(done):
     record = done.record("distributed")
     shot = study.snapshot(record, 1)
     for robot, portrait in zip(record.robots, shot.portraits, strict=True):
-        told = record.cycles[1]["robots"][robot.index]
-        assert portrait.chosen == told["chosen"]
-        np.testing.assert_array_equal(portrait.path, told["path"])
+        log = record.cycles[1].robots[robot.index]
+        assert portrait.chosen == log.chosen
+        np.testing.assert_array_equal(portrait.path, log.path)
         assert {mate for mate, _, _ in portrait.suggestions} <= {0, 1} - {robot.index}
         means, path = robot.local.splats.means.double().numpy(), portrait.path
         away = np.linalg.norm(means[:, None] - path, axis=2)
@@ -586,10 +587,8 @@ def test_a_snapshots_risk_is_that_of_the_known_free_cells(done):
 
 def test_a_robot_at_its_goal_plans_nothing(done):
     record = done.record("distributed")
-    cycles = json.loads(json.dumps(record.cycles))
-    cycles[1]["robots"][0] |= {"path": [], "view": None, "status": "reached"}
-    cycles[1]["suggestions"] = []
-    record = dataclasses.replace(record, cycles=tuple(cycles))
+    first, second = record.cycles
+    record = dataclasses.replace(record, cycles=(first, at_goal(second, 0, suggestions=())))
     portrait = study.snapshot(record, 1).portraits[0]
     assert portrait.path.shape == (0, 2)
     assert portrait.view is None

@@ -109,14 +109,14 @@ def test_an_episode_is_told_cycle_by_cycle(records, name):
     record = records[name]
     entry = study.episode_of(record)
     assert entry["cycles"] == len(record.cycles) == 3
-    assert entry["splats"][-1] == [r["splats"] for r in record.cycles[-1]["robots"]]
+    assert entry["splats"][-1] == [log.splats for log in record.cycles[-1].robots]
     assert sum(entry["bytes_by_cycle"]) == record.ledger.total() > 0
     assert sum(entry["bytes_paper_by_cycle"]) == record.ledger.paper_total(name)
     second = [row for key, row in record.ledger.rows.items() if key[4] == 1]
     assert entry["bytes_by_cycle"][1] == sum(n_bytes for _, n_bytes in second)
     assert sum(count for count, _ in entry["messages"].values()) == record.ledger.messages()
     assert {kind: n for kind, (_, n) in entry["messages"].items()} == record.ledger.by_kind()
-    spent = sum(sum(cycle["seconds"].values()) for cycle in record.cycles)
+    spent = sum(sum(log.to_json()["seconds"].values()) for log in record.cycles)
     assert sum(entry["seconds"].values()) == pytest.approx(spent)
 
 

@@ -221,9 +221,9 @@ def test_a_users_strategy_solver_and_measure_run_by_name():
         config = SMALL.replace(solver="north", measure="timid", max_cycles=1)
         record = episode.run("flat", "whisper", config, n_robots=2)
         assert set(record.ledger.by_kind()) == {"Plan"}
-        assert [robot["chosen"] for robot in record.cycles[0]["robots"]] == [math.pi / 2] * 2
+        assert [robot.chosen for robot in record.cycles[0].robots] == [math.pi / 2] * 2
         plain = episode.run("flat", "whisper", config.replace(measure="avar"), n_robots=2)
-        assert record.cycles[0]["best_gain"] != plain.cycles[0]["best_gain"]  # other risk, other masks
+        assert record.cycles[0].best_gain != plain.cycles[0].best_gain  # other risk, other masks
     finally:
         del team.REGISTRY["whisper"], consensus.SOLVERS["north"], risk.MEASURES["timid"]
 

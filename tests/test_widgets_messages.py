@@ -31,8 +31,8 @@ def test_the_account_lists_the_messages_that_a_team_sends(started, strategy):
     mission, robots = started
     post = messages.Mailbox("binary", network=mission.network)
     mission = team.Mission(mission.world, mission.camera, CONFIG, mission.network, strategy, 0)
-    _, report = team.cycle(robots, mission, post, 0)
-    rounds = len(report["residuals"])
+    _, log = team.cycle(robots, mission, post, 0)
+    rounds = len(log.residuals)
     ours = cycle_ledger(strategy, "line", 3, 500, rounds, 20, "binary")
 
     def counts(ledger):

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 import torch
+from helpers import at_goal
 from scipy import stats
 
 from mannbv import episode, messages, world
@@ -41,10 +42,9 @@ def handle(panel) -> dict:
 def test_at_whole_cycles_the_robots_stand_and_look_as_the_record_says(kept):
     film = Playback(kept)
     for k, robot in enumerate(kept[-1].robots):
-        for number, cycle in enumerate(kept[-1].cycles):
+        for number, log in enumerate(kept[-1].logs(k)):
             trail, here, yaw = film.stand(float(number), k)
-            told = cycle["robots"][k]
-            assert np.allclose(here, told["position"]) and yaw == told["yaw"] and np.array_equal(trail[-1], here)
+            assert np.allclose(here, log.position) and yaw == log.yaw and np.array_equal(trail[-1], here)
         trail, here, yaw = film.stand(float(len(kept[-1].cycles)), k)
         assert (
             np.allclose(here, robot.position)
@@ -55,7 +55,7 @@ def test_at_whole_cycles_the_robots_stand_and_look_as_the_record_says(kept):
 
 def test_between_two_cycles_a_robot_is_on_its_way_and_faces_along_it(kept):
     film, robot = Playback(kept), kept[-1].robots[0]
-    starts = [cycle["robots"][0]["position"] for cycle in kept[-1].cycles[:2]]
+    starts = [log.position for log in kept[-1].logs(0)[:2]]
     trail, here, yaw = film.stand(0.5, 0)
     assert min(np.linalg.norm(here - starts[0]), np.linalg.norm(here - starts[1])) > 0.1
     a, b = robot.trail[:-1], robot.trail[1:]
@@ -71,14 +71,14 @@ def test_between_two_cycles_a_robot_is_on_its_way_and_faces_along_it(kept):
 def test_the_map_is_that_of_the_cycle_where_records_of_every_cycle_are_given(kept):
     film = Playback(kept)
     for number, cycle in enumerate(kept[-1].cycles):
-        for k, told in enumerate(cycle["robots"]):
-            assert film.belief(number, k).splats.n_splats == told["splats"] + told["guests"]
+        for k, log in enumerate(cycle.robots):
+            assert film.belief(number, k).splats.n_splats == log.splats + log.guests
             assert film.ground(number, k) is kept[number].robots[k].ground
     panels, says = shown(widgets.player(kept), cycle=1.0, robot=1)
-    told = kept[-1].cycles[1]["robots"][1]
+    log = kept[-1].cycles[1].robots[1]
     (ellipses,) = (item for item in panels[0]["items"] if item["kind"] == "ellipses")
-    assert len(ellipses["shapes"]) == 20 * (told["splats"] + told["guests"])
-    assert f"{told['splats']} splats" in says and panels[0]["title"] == "robot 1: its splats"
+    assert len(ellipses["shapes"]) == 20 * (log.splats + log.guests)
+    assert f"{log.splats} splats" in says and panels[0]["title"] == "robot 1: its splats"
 
 
 def test_one_record_has_maps_of_its_end_only_and_the_player_says_so(kept, tmp_path):
@@ -88,7 +88,7 @@ def test_one_record_has_maps_of_its_end_only_and_the_player_says_so(kept, tmp_pa
         panels, says = shown(explorer, cycle=0.0)
         (ellipses,) = (item for item in panels[0]["items"] if item["kind"] == "ellipses")
         assert len(ellipses["shapes"]) == 20 * kept[-1].robots[0].belief().splats.n_splats
-        assert "as at the end" in panels[0]["title"] and f"{kept[-1].cycles[0]['robots'][0]['splats']} splats" in says
+        assert "as at the end" in panels[0]["title"] and f"{kept[-1].cycles[0].robots[0].splats} splats" in says
         assert "as at the end" not in shown(explorer, layer="true plan")[0][0]["title"]
         assert not any("PSNR" in name or "α" in name for name in explorer.settings["chart"].options)
 
@@ -120,10 +120,9 @@ def test_the_curves_are_those_of_the_record(kept):
     assert 1000 * sent[-1] == pytest.approx([last.ledger.sent_by(k) for k in range(2)])
     assert 1000 * sent[1].sum() == pytest.approx(last.ledger.by_cycle()[0])
     best = film.measured("gain, share of the team's best [%]")[:, 0]
-    assert np.all(best <= 100 + 1e-6) and best[0] == pytest.approx(
-        100 * last.cycles[0]["team_gain"] / last.cycles[0]["best_gain"]
-    )
-    path, splats = last.cycles[1]["robots"][0]["path"], kept[1].robots[0].belief().splats
+    share = last.cycles[0].team_gain / last.cycles[0].best_gain
+    assert np.all(best <= 100 + 1e-6) and best[0] == pytest.approx(100 * share)
+    path, splats = last.cycles[1].robots[0].path, kept[1].robots[0].belief().splats
     assert film.measured("α on its way [m]")[1, 0] == pytest.approx(
         np.mean([brute_force(splats, p) for p in path]), rel=1e-4
     )
@@ -155,10 +154,7 @@ def test_each_layer_shows_another_thing_and_only_risk_a_colour_bar(kept):
 
 def test_a_robot_at_its_goal_plans_nothing_more(kept):
     last = kept[-1]
-    cycles = tuple(
-        cycle | {"robots": [cycle["robots"][0] | {"status": "reached", "path": [], "view": None}, cycle["robots"][1]]}
-        for cycle in last.cycles
-    )
+    cycles = tuple(at_goal(log, 0) for log in last.cycles)
     _, says = shown(widgets.player(dataclasses.replace(last, cycles=cycles)))
     assert "robot 0 reached" in says and "looks along" not in says and "nan" not in says
 

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 import torch
+from helpers import at_goal
 
 from mannbv import episode, geometry, render, world
 from mannbv.camera import Camera
@@ -49,8 +50,8 @@ def pixels(panel) -> np.ndarray:
     return np.frombuffer(item["rgba"], np.uint8).reshape(*item["shape"], 4)[..., :3]
 
 
-def camera_and_pose(told):
-    pose = geometry.yaw_pose(torch.tensor(told["position"]), told["yaw"])
+def camera_and_pose(log):
+    pose = geometry.yaw_pose(torch.tensor(log.position), log.yaw)
     return Camera.from_fov(16, 16, CONFIG.fov), pose
 
 
@@ -60,8 +61,8 @@ def camera_and_pose(told):
 def test_the_first_picture_is_the_sensors_and_the_others_are_its_own_maps_before_and_after(kept, reel, place):
     assert reel.views.shape == (3, 2, 3, 16, 16, 3) and reel.psnr.shape == (3, 2, 2)
     for cycle in range(3):
-        for k, told in enumerate(kept[2].cycles[cycle]["robots"]):
-            camera, pose = camera_and_pose(told)
+        for k, log in enumerate(kept[2].cycles[cycle].robots):
+            camera, pose = camera_and_pose(log)
             seen, before, after = reel.views[cycle, k] / 255
             assert np.abs(seen - place.sense(camera, pose).color.numpy()).max() < 0.003
             drawn = render.render(kept[cycle].robots[k].local.splats, camera, pose, method="dense").color.clamp(0, 1)
@@ -126,10 +127,9 @@ def test_a_lean_record_keeps_all_but_maps_and_images(kept, tmp_path):
         assert ours.local.splats.n_splats == 0 and ours.local.keyframes == () and ours.frames == ()
         assert np.array_equal(ours.trail, theirs.trail) and np.array_equal(ours.ground.state, theirs.ground.state)
     for ours, theirs in zip(again.cycles, whole.cycles, strict=True):
-        assert ours.keys() == theirs.keys()
-        for a, b in zip(ours["robots"], theirs["robots"], strict=True):
-            assert (a["splats"], a["status"]) == (b["splats"], b["status"])
-            assert np.allclose(a["path"], b["path"], atol=6e-5) and a["chosen"] == pytest.approx(b["chosen"], abs=6e-5)
+        for a, b in zip(ours.robots, theirs.robots, strict=True):
+            assert (a.splats, a.status) == (b.splats, b.status)
+            assert np.allclose(a.path, b.path, atol=6e-5) and a.chosen == pytest.approx(b.chosen, abs=6e-5)
     whole.save(tmp_path / "whole.npz")
     assert path.stat().st_size < (tmp_path / "whole.npz").stat().st_size / 5
 
@@ -153,16 +153,16 @@ def test_pictures_and_ground_are_those_of_the_cycle_and_the_robot(kept, reel, tm
         assert [np.array_equal(pixels(v), reel.views[cycle, robot, k]) for k, v in enumerate(views)] == [True] * 3
         blocked = (pixels(plan) == 0x8A).all(-1)  # the plan's first row is its highest y
         assert np.array_equal(blocked, (reel.state[cycle, robot] == OCCUPIED).T[::-1])
-        told = kept[-1].cycles[cycle]["robots"][robot]
-        assert f"cycle {cycle}, robot {robot} {told['status']}, {told['splats']:,} splats" in says
+        log = kept[-1].cycles[cycle].robots[robot]
+        assert f"cycle {cycle}, robot {robot} {log.status}, {log.splats:,} splats" in says
         assert chart["title"] == "splats in the own map [1]" and "nan" not in says
 
 
 def test_agreed_and_lonely_yaw_are_told_in_degrees(kept, reel, place):
     _, says = shown(widgets.replay(kept[-1], reel, place), cycle=1.0, robot=1)
-    told = kept[-1].cycles[1]["robots"][1]
+    log = kept[-1].cycles[1].robots[1]
     numbers = re.search(r"looks next along (\S+)°, alone (\S+)°; .* to (\d+) dB before and to (\d+) dB after", says)
-    expected = [math.degrees(told["chosen"]), math.degrees(told["announced"]), *reel.psnr[1, 1]]
+    expected = [math.degrees(log.chosen), math.degrees(log.announced), *reel.psnr[1, 1]]
     assert [float(n) for n in numbers.groups()] == pytest.approx(expected, abs=0.51)
 
 
@@ -180,8 +180,7 @@ def test_the_true_plan_takes_the_place_of_the_ground(kept, reel, place):
 
 
 def test_a_robot_at_its_goal_looks_nowhere_next(kept, reel, place):
-    robots = [told | {"status": "reached", "path": [], "view": None} for told in kept[-1].cycles[2]["robots"]]
-    ended = (*kept[-1].cycles[:2], kept[-1].cycles[2] | {"robots": robots})
+    ended = (*kept[-1].cycles[:2], at_goal(kept[-1].cycles[2], 0))
     _, says = shown(widgets.replay(dataclasses.replace(kept[-1], cycles=ended), reel, place), cycle=3.0)
     assert "reached" in says and "looks next" not in says
 

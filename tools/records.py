@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from mannbv import episode, metrics, risk, splats, world
+from mannbv import episode, metrics, risk, splats, team, world
 from mannbv.camera import Camera
 from mannbv.config import PRESETS
 from mannbv.course.widgets.recording import Recording, lean
@@ -82,22 +82,22 @@ def _building(number: int, scene: str, runs: list[Path]) -> dict[str, np.ndarray
 def in_hindsight(record: episode.Record) -> episode.Record:
     """The record, had it known its last maps: of both kinds of forecast, the first is α from the camera, the second α
     from the body."""
-    cycles = [{**cycle, "robots": [dict(told) for told in cycle["robots"]]} for cycle in record.cycles]
-    for robot in record.robots:
-        told = [cycle["robots"][robot.index] for cycle in cycles if cycle["robots"][robot.index]["path"]]
-        points = torch.tensor([point for each in told for point in each["path"]]).reshape(-1, len(robot.position))
-        for kind, measured_from in zip(study.KINDS, ("camera", "body"), strict=True):
-            config = record.config.replace(risk_from=measured_from)
-            alpha = iter(risk.along(robot.belief().splats, points, config).tolist())
-            for each in told:
-                each[kind] = list(itertools.islice(alpha, len(each["path"])))
+    maps = [robot.belief().splats for robot in record.robots]
+
+    def hindsight(splat_map, log: team.RobotLog) -> team.RobotLog:
+        points = torch.tensor(log.path).reshape(-1, len(log.position))
+        configs = (record.config.replace(risk_from=measured_from) for measured_from in ("camera", "body"))
+        alpha = (tuple(risk.along(splat_map, points, config).tolist()) for config in configs)
+        return dataclasses.replace(log, **dict(zip(study.KINDS, alpha, strict=True)))
+
+    cycles = (dataclasses.replace(log, robots=tuple(map(hindsight, maps, log.robots))) for log in record.cycles)
     return dataclasses.replace(record, cycles=tuple(cycles))
 
 
-def _forecasts(name: str, told: study.Forecasts) -> dict[str, np.ndarray]:
+def _forecasts(name: str, found: study.Forecasts) -> dict[str, np.ndarray]:
     """Waypoints to the millimetre, every so many of them."""
-    every = slice(None, None, -(-len(told.robot) // WAYPOINTS))
-    columns = {"alpha": 1000 * told.alpha, "clearance": 1000 * told.clearance, "robot": told.robot}
+    every = slice(None, None, -(-len(found.robot) // WAYPOINTS))
+    columns = {"alpha": 1000 * found.alpha, "clearance": 1000 * found.clearance, "robot": found.robot}
     return {f"{name}_{key}": np.round(value)[..., every].astype(np.int16) for key, value in columns.items()}
 
 

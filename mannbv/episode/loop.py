@@ -98,8 +98,8 @@ def _advance(record: Record, mission: Mission) -> Record:
         record = dataclasses.replace(record, robots=robots)
         return dataclasses.replace(record, rows=tuple(score(record, mission)), finished=True)
     post = Mailbox(config.codec, record.ledger)
-    robots, report = team.cycle(list(record.robots), mission, post, number)
-    return dataclasses.replace(record, cycles=(*record.cycles, report), robots=tuple(robots), ledger=post.ledger)
+    robots, log = team.cycle(list(record.robots), mission, post, number)
+    return dataclasses.replace(record, cycles=(*record.cycles, log), robots=tuple(robots), ledger=post.ledger)
 
 
 def score(record: Record, mission: Mission) -> list[dict]:
@@ -107,7 +107,7 @@ def score(record: Record, mission: Mission) -> list[dict]:
     place, config = mission.world, mission.config
     surfaces = metrics.true_surfaces(place)
     began = time.perf_counter()
-    spent = sum(sum(cycle["seconds"].values()) for cycle in record.cycles)
+    spent = sum(log.seconds.total for log in record.cycles)
     rows = []
     for robot in record.robots:
         belief = robot.belief(config)
@@ -116,7 +116,7 @@ def score(record: Record, mission: Mission) -> list[dict]:
         reachable = place.reachable_free(config.cell, config.robot_radius, start)
         psnr, mae = metrics.view_quality(belief.splats, place, mission.camera, robot.trail, config)
         row = {"strategy": record.strategy, "seed": record.seed, "robot": robot.index, "reached": reached}
-        row["cycles"] = sum(cycle["robots"][robot.index]["status"] != "reached" for cycle in record.cycles)
+        row["cycles"] = sum(log.status != "reached" for log in record.logs(robot.index))
         row |= metrics.travel_scores(place, robot.trail, robot.goal, shortest, reached, robot.collisions)
         row |= metrics.path_scores(belief, place, surfaces, start, robot.goal, shortest, config)
         row |= {"psnr_db": psnr, "depth_mae_m": mae}

@@ -18,7 +18,7 @@ from mannbv.geometry import Pose
 from mannbv.grid import Lattice, Occupancy
 from mannbv.messages import Ledger
 from mannbv.splats import SplatMap
-from mannbv.team import Guests, Robot
+from mannbv.team import CycleLog, Guests, Robot, RobotLog
 
 
 class RecordError(ValueError):
@@ -29,14 +29,14 @@ class RecordError(ValueError):
 class Record:
     """One episode: what was asked, what happened each cycle, where the robots and their maps stand, the scores.
 
-    cycles: a plain dict a cycle (see `team.cycle`). rows: one dict of scores a robot once the episode has ended.
+    cycles: a log each. rows: one dict of scores a robot once the episode has ended.
     """
 
     scene: str
     strategy: str
     seed: int
     config: Config
-    cycles: tuple[dict, ...]
+    cycles: tuple[CycleLog, ...]
     robots: tuple[Robot, ...]
     ledger: Ledger
     rows: tuple[dict, ...] = ()
@@ -46,13 +46,17 @@ class Record:
     def n_robots(self) -> int:
         return len(self.robots)
 
+    def logs(self, robot: int) -> tuple[RobotLog, ...]:
+        """What every cycle reports of one robot."""
+        return tuple(log.robots[robot] for log in self.cycles)
+
     def save(self, path) -> None:
         """Write the record to `path` (.npz without pickle); the file is whole at any moment."""
         path = Path(path)
         arrays = {"about": _text({
             "scene": self.scene, "strategy": self.strategy, "seed": self.seed, "n_robots": self.n_robots,
-            "config": dataclasses.asdict(self.config), "cycles": self.cycles, "rows": self.rows,
-            "finished": self.finished, "ledger": self.ledger.to_json(),
+            "config": dataclasses.asdict(self.config), "cycles": [log.to_json() for log in self.cycles],
+            "rows": self.rows, "finished": self.finished, "ledger": self.ledger.to_json(),
         })}  # fmt: skip
         for robot in self.robots:
             arrays |= {f"{robot.index}/{key}": value for key, value in _pack(robot).items()}
@@ -79,7 +83,8 @@ def load(path) -> Record:
             raise ValueError(f"an unfinished run of another version, without {sorted(lost)[0]}")
         return Record(
             about["scene"], about["strategy"], about["seed"], Config().replace(**about["config"]),
-            tuple(about["cycles"]), robots, Ledger.from_json(about["ledger"]), tuple(about["rows"]), about["finished"],
+            tuple(CycleLog.from_json(log, f"cycle {c}") for c, log in enumerate(about["cycles"])), robots,
+            Ledger.from_json(about["ledger"]), tuple(about["rows"]), about["finished"],
         )  # fmt: skip
     except (zipfile.BadZipFile, OSError, EOFError, KeyError, TypeError, ValueError, IndexError) as error:
         fault = str(error).splitlines()[0] if str(error) else type(error).__name__

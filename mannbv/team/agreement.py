@@ -3,6 +3,7 @@
 import numpy as np
 
 from mannbv import consensus, messages, network
+from mannbv.team.log import SuggestionLog
 from mannbv.team.robots import Mission, Robot
 from mannbv.team.strategies import best_yaw, way
 
@@ -53,8 +54,8 @@ def _send_profiles(gains: np.ndarray, mission: Mission, post: messages.Mailbox, 
                 post.collect(k)
 
 
-def suggest(robots: list[Robot], gains: np.ndarray, mission: Mission, post: messages.Mailbox, cycle: int) -> list:
-    """Everyone's best view for every teammate, argmax f_ik, sent to it (Fig. 2b): rows of (from, for, yaw, gain)."""
+def suggest(robots: list[Robot], gains: np.ndarray, mission: Mission, post: messages.Mailbox, cycle: int):
+    """Everyone's best view for every teammate, argmax f_ik, sent to it (Fig. 2b); a list of `SuggestionLog`."""
     rows = []
     for robot in robots:
         largest = float(gains[robot.index].max())
@@ -64,7 +65,7 @@ def suggest(robots: list[Robot], gains: np.ndarray, mission: Mission, post: mess
                 at_announced = consensus.interpolate(row, [robot.plans[k].yaw])[0]
                 note = messages.Suggestion(robot.index, cycle, k, yaw, float(row.max()), float(at_announced), largest)
                 post.relay(way(mission, robot.index, k), note, cycle)
-                rows.append([robot.index, k, yaw, float(row.max())])
+                rows.append(SuggestionLog(robot.index, k, yaw, float(row.max())))
     for robot in robots:
         post.collect(robot.index)
     return rows

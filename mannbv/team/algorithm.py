@@ -13,13 +13,14 @@ import torch
 from mannbv import information, messages, objective, risk, splats
 from mannbv.config import Config
 from mannbv.team.agreement import agree, suggest
+from mannbv.team.log import CycleLog, RobotLog, Seconds
 from mannbv.team.robots import Mission, Robot
 from mannbv.team.stages import move, observe, plan
 from mannbv.team.strategies import REGISTRY
 
 
-def cycle(robots: list[Robot], mission: Mission, post: messages.Mailbox, number: int) -> tuple[list[Robot], dict]:
-    """One planning cycle of the whole team (Algorithm 1): the robots after it, and a plain record of what happened."""
+def cycle(robots: list[Robot], mission: Mission, post: messages.Mailbox, number: int) -> tuple[list[Robot], CycleLog]:
+    """One planning cycle of the whole team (Algorithm 1): the robots after it, and the log of what happened."""
     strategy, clock = REGISTRY[mission.strategy], _Clock()
     robots = [observe(robot, mission, number) for robot in robots]  # "update G_i" of the cycle before, line 20
     clock.mark("map")
@@ -34,54 +35,53 @@ def cycle(robots: list[Robot], mission: Mission, post: messages.Mailbox, number:
     solver = strategy.solver or mission.config.solver
     yaws, residuals = agree(robots, gains, mission, post, number, solver)  # lines 3 and 8-17, T_i*, line 19
     clock.mark("agree")
-    report = {
-        "cycle": number,
-        "robots": [_describe(robot, yaw) | told for robot, yaw, told in zip(robots, yaws, forecasts, strict=True)],
-        "suggestions": suggestions,
-        "residuals": residuals,
-        "team_gain": objective.team(gains, yaws),
-        "best_gain": float(gains.sum(0).max(1).sum()),
-        "own_gain": objective.team(gains, np.array([robot.announced for robot in robots])),
-    }
-    robots = [move(robot, float(yaw), mission, number) for robot, yaw in zip(robots, yaws, strict=True)]  # line 20
+    moved = [move(robot, float(yaw), mission, number) for robot, yaw in zip(robots, yaws, strict=True)]  # line 20
     clock.mark("move")
-    return robots, report | {"seconds": clock.spent}
+    return moved, CycleLog(
+        cycle=number,
+        robots=tuple(map(_describe, robots, yaws, forecasts)),
+        suggestions=tuple(suggestions),
+        residuals=tuple(residuals),
+        team_gain=objective.team(gains, yaws),
+        best_gain=float(gains.sum(0).max(1).sum()),
+        own_gain=objective.team(gains, np.array([robot.announced for robot in robots])),
+        seconds=Seconds(**clock.spent),
+    )
 
 
-def _describe(robot: Robot, yaw: float) -> dict:
+def _describe(robot: Robot, yaw: float, forecast: tuple) -> RobotLog:
     view = robot.plans.get(robot.index)
-    return {
-        "position": robot.position.tolist(),
-        "yaw": robot.yaw,
-        "status": robot.status,
-        "splats": robot.local.splats.n_splats,
-        "guests": robot.guests.splats.n_splats,
-        "view": None if view is None else view.position.tolist(),
-        "announced": robot.announced,
-        "chosen": float(yaw),
-        "path": [] if view is None else view.path.tolist(),
-        "subgoals": [] if robot.route is None else robot.route.candidates.tolist(),
-    }
+    return RobotLog(
+        position=tuple(robot.position.tolist()),
+        yaw=robot.yaw,
+        status=robot.status,
+        splats=robot.local.splats.n_splats,
+        guests=robot.guests.splats.n_splats,
+        view=None if view is None else tuple(view.position.tolist()),
+        announced=robot.announced,
+        chosen=float(yaw),
+        path=() if view is None else tuple(map(tuple, view.path.tolist())),
+        subgoals=() if robot.route is None else tuple(map(tuple, robot.route.candidates.tolist())),
+        risk=forecast[0],
+        risk_inflated=forecast[1],
+    )
 
 
-def _forecast(robot: Robot, config: Config) -> dict:
-    """α [m] of the announced waypoints on what the robot believed when it planned them, None where no splat counts.
-
-    "risk": with σ the splats' own; "risk_inflated": with what their means' posterior variances add.
-    """
+def _forecast(robot: Robot, config: Config) -> tuple[tuple, tuple]:
+    """`RobotLog.risk` and `.risk_inflated`: of the announced waypoints on what the robot believed when it planned."""
     if robot.index not in robot.plans:
-        return {"risk": [], "risk_inflated": []}
+        return (), ()
     both = splats.union(robot.local.splats, robot.guests.splats)
     prior = torch.cat([robot.local.prior, robot.guests.prior])
     path = torch.from_numpy(np.asarray(robot.plans[robot.index].path))
     posterior = information.mean_variances(prior, information.damping(both.dim, config))
     own, inflated = risk.along(both, path, config), risk.along(both, path, config, posterior)
-    return {"risk": _plain(own), "risk_inflated": _plain(inflated)}
+    return _known(own), _known(inflated)
 
 
-def _plain(values: torch.Tensor) -> list[float | None]:
-    """JSON has no infinity."""
-    return [value if math.isfinite(value) else None for value in values.tolist()]
+def _known(values: torch.Tensor) -> tuple[float | None, ...]:
+    """None where no splat counts."""
+    return tuple(value if math.isfinite(value) else None for value in values.tolist())
 
 
 class _Clock:

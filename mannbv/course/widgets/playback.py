@@ -13,6 +13,7 @@ from mannbv.camera import Camera
 from mannbv.episode import Record
 from mannbv.grid import Occupancy
 from mannbv.messages import Ledger
+from mannbv.team import RobotLog
 
 
 class Playback:
@@ -40,7 +41,7 @@ class Playback:
         self.stops = [_stops(self.last, k) for k in range(self.last.n_robots)]
         self.measures = {
             "way to the goal done [%]": self._done,
-            "splats in the own map [1]": lambda: self._told("splats"),
+            "splats in the own map [1]": self._splats,
             "sent so far [kB]": self._sent,
             "gain, share of the team's best [%]": self._shares,
         }
@@ -55,9 +56,9 @@ class Playback:
         """What robot k knew of the ground after its move in a cycle, or at the end if no maps were kept."""
         return self._crews[cycle][k].ground
 
-    def told(self, cycle: int, k: int) -> dict:
+    def log(self, cycle: int, k: int) -> RobotLog:
         """What the record says of robot k in a cycle."""
-        return self.cycles[cycle]["robots"][k]
+        return self.cycles[cycle].robots[k]
 
     def stand(self, time, k: int) -> tuple[np.ndarray, np.ndarray, float]:
         """A robot's trail so far (j, d), its place (d,) [m], and where it looks or drives to [rad]."""
@@ -67,19 +68,19 @@ class Playback:
         low = min(int(at), len(robot.trail) - 2) if len(robot.trail) > 1 else 0
         ends = robot.trail[low], robot.trail[min(low + 1, len(robot.trail) - 1)]
         here = ends[0] + (at - low) * (ends[1] - ends[0])
-        yaw = robot.yaw if time == len(self.cycles) else self.told(cycle, k)["yaw"]
+        yaw = robot.yaw if time == len(self.cycles) else self.log(cycle, k).yaw
         if time != int(time) and end > start:
             yaw = float(np.arctan2(*(ends[1] - ends[0])[1::-1]))
         return np.vstack([robot.trail[: low + 1], here]), here, yaw
 
     # ---- one number of every robot (cycles, robots), or of the team (cycles, 1) ----
 
-    def _told(self, key: str) -> np.ndarray:
-        return np.array([[robot[key] for robot in cycle["robots"]] for cycle in self.cycles], float)
+    def _splats(self) -> np.ndarray:
+        return np.array([[robot.splats for robot in log.robots] for log in self.cycles], float)
 
     def _done(self) -> np.ndarray:
         robots = self.last.robots
-        places = np.array([[robot["position"] for robot in cycle["robots"]] for cycle in self.cycles])
+        places = np.array([[robot.position for robot in log.robots] for log in self.cycles])
         away = np.linalg.norm(np.vstack([places, [[r.position for r in robots]]]) - [r.goal for r in robots], axis=2)
         return 100 * (1 - away / away[0])
 
@@ -91,10 +92,8 @@ class Playback:
         return np.array([[ledger.sent_by(k) / 1000 for k in robots] for ledger in map(until, cycles)])
 
     def _shares(self) -> np.ndarray:
-        best = np.array([cycle["best_gain"] for cycle in self.cycles])
-        share = np.divide(
-            [cycle["team_gain"] for cycle in self.cycles], best, np.full(len(best), np.nan), where=best > 0
-        )
+        best = np.array([log.best_gain for log in self.cycles])
+        share = np.divide([log.team_gain for log in self.cycles], best, np.full(len(best), np.nan), where=best > 0)
         return 100 * share[:, None]
 
     def _field(self, cycle: int, k: int) -> np.ndarray:
@@ -103,7 +102,7 @@ class Playback:
 
     def _way_risk(self, cycle: int, k: int) -> float:
         """The total risk of the path planned in a cycle, on the map it was planned on [m]; nan without a path."""
-        path, config = np.array(self.told(cycle, k)["path"], float), self.last.config
+        path, config = np.array(self.log(cycle, k).path, float), self.last.config
         if not len(path):
             return float("nan")
         return risk.along(self.belief(cycle, k).splats, torch.from_numpy(path), config).mean().item()
@@ -128,7 +127,7 @@ class Playback:
 def _stops(record: Record, k: int) -> np.ndarray:
     """Rows of a robot's trail at which it stood at the beginning of every cycle, and at the end."""
     trail, at, rows = record.robots[k].trail, 0, []
-    for cycle in record.cycles:
-        at += int(np.argmax((trail[at:] == cycle["robots"][k]["position"]).all(1)))
+    for log in record.logs(k):
+        at += int(np.argmax((trail[at:] == log.position).all(1)))
         rows.append(at)
     return np.array([*rows, len(trail) - 1])

@@ -30,7 +30,7 @@ def player(record=None, place=None) -> Explorer:
     """
     film = _small_team() if record is None else Playback(record, place)
     lower, upper = film.place.lower[:2], film.place.upper[:2]
-    middle = film.cycles[0]["robots"][0]["position"][:2]
+    middle = film.log(0, 0).position[:2]
     return Explorer(
         lambda **values: _picture(film, **values),
         {
@@ -57,17 +57,17 @@ def _small_team() -> Playback:
 
 def _picture(film: Playback, cycle, robot, layer, chart, probe):
     time, number = cycle, min(int(cycle + 1e-6), len(film.cycles) - 1)  # sliders add up 0.05
-    told, belief, config = film.told(number, robot), film.belief(number, robot), film.last.config
+    log, belief, config = film.log(number, robot), film.belief(number, robot), film.last.config
     spot = planner.raised(np.array(probe)[None], film.last.robots[robot].position[2:])
     alpha = float(risk.field(belief.splats, torch.from_numpy(spot), config.level, config.measure)[0])
     clear = float(film.place.clearance(spot)[0])
     panels = [_place(film, time, number, robot, layer, probe, alpha, clear), chart_panel(film, time, robot, chart)]
     if layer == "risk on its map":
         panels.append(items.color_bar((505, 75, 12, 250), *_scale(film), "α [m]"))
-    says = f"cycle {number}, robot {robot} {told['status']}, {told['splats']} splats"
-    says += f" and {told['guests']} of others" if told["guests"] else ""
-    if told["path"]:
-        chosen, alone = (round(math.degrees(told[yaw])) for yaw in ("chosen", "announced"))
+    says = f"cycle {number}, robot {robot} {log.status}, {log.splats} splats"
+    says += f" and {log.guests} of others" if log.guests else ""
+    if log.path:
+        chosen, alone = (round(math.degrees(yaw)) for yaw in (log.chosen, log.announced))
         whose = "" if film.kept else " on its last map"
         says += f"; α on its way {film.way_risk(number, robot):.2f} m{whose}; looks along {chosen}°, alone {alone}°"
     return panels, f"{says}; probe: α {alpha:.2f} m, true distance {clear:.2f} m"
@@ -82,16 +82,16 @@ def _scale(film: Playback) -> tuple[float, float]:
 
 def crew(film: Playback, time, cycle: int, robot: int) -> list[dict]:
     """Everybody's way, place and goal at a time; of one robot the plan, the agreed view and the one it announced."""
-    shown, told, color = [], film.told(cycle, robot), draw.robot_color(robot)
+    shown, log, color = [], film.log(cycle, robot), draw.robot_color(robot)
     for k in range(film.last.n_robots):
         trail, here, yaw = film.stand(time, k)
         goal, own = film.last.robots[k].goal, draw.robot_color(k)
         shown += [items.line(trail, own, 2.4), items.text(goal, "★", own), items.view(here, yaw, length=0.6, color=own)]
         shown += [items.dots(here, own, 17, edge="#ffffff"), items.text(here, str(k), "#ffffff")]
-    if told["path"]:
-        shown.append(items.line(told["path"], color, 2.0, dash=(6, 4)))
-        shown.append(items.view(told["view"], told["chosen"], film.last.config.fov, 1.0, color, 0.3))
-        shown.append(items.view(told["view"], told["announced"], film.last.config.fov, 0.8, PALE, 0.0))
+    if log.path:
+        shown.append(items.line(log.path, color, 2.0, dash=(6, 4)))
+        shown.append(items.view(log.view, log.chosen, film.last.config.fov, 1.0, color, 0.3))
+        shown.append(items.view(log.view, log.announced, film.last.config.fov, 0.8, PALE, 0.0))
     return shown
 
 

@@ -18,7 +18,7 @@ from mannbv.camera import Camera
 from mannbv.episode import Record
 from mannbv.grid import OCCUPIED, UNKNOWN, Occupancy
 from mannbv.mapping import LocalMap
-from mannbv.team import Guests, Robot
+from mannbv.team import CycleLog, Guests, Robot, RobotLog
 from mannbv.world import Place
 
 VIEWS = ("what it sees", "its map before", "its map after")
@@ -50,8 +50,8 @@ class Recording:
             crew = records[number - 1].robots if number else [None] * record.n_robots
             state.append([robot.ground.state for robot in record.robots])
             looks = [
-                _looks(told, before, after, place, camera, config.max_depth)
-                for told, before, after in zip(record.cycles[number]["robots"], crew, record.robots, strict=True)
+                _looks(log, before, after, place, camera, config.max_depth)
+                for log, before, after in zip(record.cycles[number].robots, crew, record.robots, strict=True)
             ]
             views.append([pictures for pictures, _ in looks])
             psnr.append([scores for _, scores in looks])
@@ -100,7 +100,8 @@ def lean(record: Record) -> Record:
     What happened, who went where, the grounds, every byte sent and the scores stay.
     """
     robots = tuple(_lean_robot(robot) for robot in record.robots)
-    return dataclasses.replace(record, robots=robots, cycles=_rounded(record.cycles), finished=True)
+    cycles = tuple(CycleLog.from_json(_rounded(log.to_json())) for log in record.cycles)
+    return dataclasses.replace(record, robots=robots, cycles=cycles, finished=True)
 
 
 def _lean_robot(robot: Robot) -> Robot:
@@ -113,14 +114,14 @@ def _lean_robot(robot: Robot) -> Robot:
 def _rounded(value):
     if isinstance(value, dict):
         return {key: _rounded(part) for key, part in value.items()}
-    if isinstance(value, (list, tuple)):
-        return type(value)(_rounded(part) for part in value)
+    if isinstance(value, list):
+        return [_rounded(part) for part in value]
     return round(value, _DIGITS) if isinstance(value, float) else value
 
 
-def _looks(told: dict, before: Robot | None, after: Robot, place: Place, camera: Camera, max_depth: float):
+def _looks(log: RobotLog, before: Robot | None, after: Robot, place: Place, camera: Camera, max_depth: float):
     """The three pictures (3, h, w, 3) of where a robot stood, and the PSNR (2,) [dB] of the last two."""
-    pose = geometry.yaw_pose(torch.tensor(told["position"]), told["yaw"])
+    pose = geometry.yaw_pose(torch.tensor(log.position), log.yaw)
     truth = place.sense(camera, pose, max_depth)
     pictures, scores = [truth.color], []
     for robot in (before, after):

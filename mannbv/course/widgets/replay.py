@@ -14,6 +14,7 @@ from mannbv.course.widgets.playback import Playback
 from mannbv.course.widgets.player import chart_panel, crew, key
 from mannbv.course.widgets.recording import VIEWS, Recording
 from mannbv.course.widgets.settings import Choice, Range
+from mannbv.team import RobotLog
 
 _TEAM = PRESETS[3]["quick"].replace(image_width=24, image_height=24, fit_steps=8, n_yaws=72, max_cycles=4)
 _LAYERS = ("ground it knows", "true plan")
@@ -57,7 +58,7 @@ def _small_team():
 
 def _picture(film: Playback, reel: Recording, cycle, robot, layer, chart):
     number = min(int(cycle + 1e-6), len(film.cycles) - 1)  # sliders add up 0.05
-    told, like = film.told(number, robot), film.last.robots[robot].ground
+    log, like = film.log(number, robot), film.last.robots[robot].ground
     under = items.walls(film.place) if layer == "true plan" else [items.ground(reel.ground(number, robot, like))]
     lower, upper = film.place.lower - 0.2, film.place.upper + 0.2
     plan = items.plan(
@@ -67,15 +68,15 @@ def _picture(film: Playback, reel: Recording, cycle, robot, layer, chart):
     pictures = [_view(pixels, k) for k, pixels in enumerate(reel.views[number, robot])]
     below = chart_panel(film, cycle, robot, chart, (_LEFT + 35, _TOP + _SIDE + 65, 340, 120))
     before, after = reel.psnr[number, robot]
-    says = f"cycle {number}, robot {robot} {told['status']}, {told['splats']:,} splats; {_degrees(told)}"
+    says = f"cycle {number}, robot {robot} {log.status}, {log.splats:,} splats; {_degrees(log)}"
     seen = f"its map shows what it sees {'not at all' if math.isnan(before) else f'to {before:.0f} dB'} before"
     return [plan, *pictures, below], f"{says}{seen} and to {after:.0f} dB after mapping it"
 
 
-def _degrees(told: dict) -> str:
-    if not told["path"]:
+def _degrees(log: RobotLog) -> str:
+    if not log.path:
         return ""
-    chosen, alone = (round(math.degrees(told[yaw])) for yaw in ("chosen", "announced"))
+    chosen, alone = (round(math.degrees(yaw)) for yaw in (log.chosen, log.announced))
     return f"looks next along {chosen}°, alone {alone}°; "
 
 

@@ -19,8 +19,8 @@ _MOST = 3000  # waypoints drawn, evenly picked
 def calibration_figure(found: Calibration) -> Figure:
     """Left: every waypoint's α against its true clearance, for both σ, with the means of bins; right: how often the
     clearance was less than α. Bars are 95 % intervals over robots."""
-    told = found.forecasts
-    ends = np.concatenate([told.alpha.ravel(), told.clearance])
+    waypoints = found.forecasts
+    ends = np.concatenate([waypoints.alpha.ravel(), waypoints.clearance])
     limits = float(ends.min()) - 0.05, float(ends.max()) + 0.05
     made, axes = canvas.figure(11.5, 4.1, 1, 3)
     with canvas.style():
@@ -28,15 +28,15 @@ def calibration_figure(found: Calibration) -> Figure:
             _points(ax, found, kind, limits)
         axes[0].set_ylabel("true clearance [m]")
         _shares(axes[2], found)
-        waypoints = f"{len(told.clearance):,} announced waypoints of {found.n_robots} robots"
-        made.suptitle(f"Predicted risk and true clearance: {waypoints}", x=0.01, ha="left", fontsize=11)
+        words = f"{len(waypoints.clearance):,} announced waypoints of {found.n_robots} robots"
+        made.suptitle(f"Predicted risk and true clearance: {words}", x=0.01, ha="left", fontsize=11)
     return made
 
 
 def _points(ax: Axes, found: Calibration, kind: int, limits: tuple[float, float]) -> None:
-    told, (name, color, mark) = found.forecasts, _KINDS[kind]
-    some = np.unique(np.linspace(0, len(told.clearance) - 1, _MOST).round().astype(int))
-    ax.plot(told.alpha[kind, some], told.clearance[some], ".", color=PALE, markersize=3, alpha=0.5, mew=0)
+    waypoints, (name, color, mark) = found.forecasts, _KINDS[kind]
+    some = np.unique(np.linspace(0, len(waypoints.clearance) - 1, _MOST).round().astype(int))
+    ax.plot(waypoints.alpha[kind, some], waypoints.clearance[some], ".", color=PALE, markersize=3, alpha=0.5, mew=0)
     ax.plot(limits, limits, color=INK, linewidth=1)
     x, y = found.alpha.value[kind], found.clearance.value[kind]
     _bars(ax, x, y, found.clearance.low[kind], found.clearance.high[kind], color, mark, "mean of a bin")

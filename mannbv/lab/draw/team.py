@@ -88,7 +88,7 @@ def team_figure(record: Record, world, config: Config | None = None, cycle: int 
 def approach(ax: Axes, record: Record, cycle: int) -> None:
     """How far every robot is from its goal, in a straight line, at the beginning of each cycle."""
     for robot in record.robots:
-        places = [told["robots"][robot.index]["position"] for told in record.cycles] + [robot.position.tolist()]
+        places = [log.position for log in record.logs(robot.index)] + [robot.position]
         away = np.linalg.norm(np.array(places) - robot.goal, axis=1)
         ax.plot(np.arange(len(away)) + 1, away, color=robot_color(robot.index))
     _over_cycles(ax, cycle, "Distance to the goal", "straight distance [m]")
@@ -97,7 +97,7 @@ def approach(ax: Axes, record: Record, cycle: int) -> None:
 def growth(ax: Axes, record: Record, cycle: int) -> None:
     """How many splats every robot's own map holds at the beginning of each cycle."""
     for robot in record.robots:
-        counts = [told["robots"][robot.index]["splats"] for told in record.cycles] + [robot.local.splats.n_splats]
+        counts = [log.splats for log in record.logs(robot.index)] + [robot.local.splats.n_splats]
         ax.plot(np.arange(len(counts)) + 1, counts, color=robot_color(robot.index), label=f"robot {robot.index}")
     _over_cycles(ax, cycle, "Size of the robots' own maps", "splats [1]")
     ax.legend(edgecolor="none", framealpha=1.0, loc="lower right", ncols=math.ceil(record.n_robots / _COLUMNS))

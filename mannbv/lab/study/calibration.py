@@ -11,7 +11,7 @@ from mannbv.lab.study.resampling import Estimate, bootstrap, pearson, ranks, wei
 from mannbv.lab.study.results import StudyError
 from mannbv.world import Place
 
-KINDS = ("risk", "risk_inflated")  # in a cycle's report: σ of the splat alone, and widened by its mean's posterior
+KINDS = ("risk", "risk_inflated")  # of α in a `RobotLog`: σ of the splat alone, and widened by its mean's posterior
 
 
 @dataclass(frozen=True)
@@ -91,13 +91,12 @@ def forecasts(records: Iterable[Record], world: Place) -> Forecasts:
         about = f"{record.scene}, {record.strategy}, seed {record.seed}"
         if record.scene != world.name:
             raise StudyError(f"calibration: {about}, is no episode in {world.name}; give the world that it ran in")
-        for told in (told for cycle in record.cycles for told in enumerate(cycle["robots"])):
-            number, report = told
-            if KINDS[0] not in report:
+        for number, log in (pair for cycle in record.cycles for pair in enumerate(cycle.robots)):
+            if log.risk is None:
                 raise StudyError(f"calibration: {about}, is an older record without forecasts; run it again")
-            alpha += zip(*(report[kind] for kind in KINDS), strict=True)
-            paths += report["path"]
-            robot += [keys.setdefault((record.seed, number), len(keys))] * len(report["path"])
+            alpha += zip(log.risk, log.risk_inflated, strict=True)
+            paths += log.path
+            robot += [keys.setdefault((record.seed, number), len(keys))] * len(log.path)
     if not paths:
         raise StudyError("calibration: no waypoint was announced; give records of at least one cycle")
     values, robots = np.array(alpha, float), np.array(robot)
@@ -107,27 +106,27 @@ def forecasts(records: Iterable[Record], world: Place) -> Forecasts:
 
 
 def calibrate(
-    told: Forecasts, rng: np.random.Generator, n_bins: int = 8, thresholds=(0.25, 0.35), draws: int = 1000
+    waypoints: Forecasts, rng: np.random.Generator, n_bins: int = 8, thresholds=(0.25, 0.35), draws: int = 1000
 ) -> Calibration:
     """`calibration` of forecasts from anywhere. Raises StudyError for fewer waypoints than bins."""
-    k = told.alpha.shape[1]
+    k = waypoints.alpha.shape[1]
     if k < n_bins:
         raise StudyError(f"calibration: {k} waypoints cannot fill {n_bins} bins; give more records or fewer bins")
     limits = tuple(map(float, thresholds))
     # bins by order: all have as many, but for one
-    place = np.argsort(np.argsort(told.alpha, axis=1, kind="stable"), axis=1) * n_bins // k
+    place = np.argsort(np.argsort(waypoints.alpha, axis=1, kind="stable"), axis=1) * n_bins // k
     member = (place[:, None] == np.arange(n_bins)[:, None]).astype(float)  # (2, b, k)
-    over = (told.clearance < told.alpha).astype(float)
-    ranked, true_rank = [ranks(alpha) for alpha in told.alpha], ranks(told.clearance)
-    danger = np.array([told.clearance < limit for limit in limits]).reshape(-1, k)
+    over = (waypoints.clearance < waypoints.alpha).astype(float)
+    ranked, true_rank = [ranks(alpha) for alpha in waypoints.alpha], ranks(waypoints.clearance)
+    danger = np.array([waypoints.clearance < limit for limit in limits]).reshape(-1, k)
 
     def binned(weights):
         shares = member * weights
-        seen = told.alpha[:, None], told.clearance, over[:, None]
+        seen = waypoints.alpha[:, None], waypoints.clearance, over[:, None]
         return np.stack([weighted_mean(values, shares) for values in seen])
 
     def overall(weights):
-        return np.stack([weighted_mean(over, weights), weighted_mean(told.alpha - told.clearance, weights)])
+        return np.stack([weighted_mean(over, weights), weighted_mean(waypoints.alpha - waypoints.clearance, weights)])
 
     def ranking(weights):
         true, low = true_rank(weights), [rank(weights) for rank in ranked]
@@ -135,9 +134,9 @@ def calibrate(
         areas = np.array([[_auc(rank, bad, weights) for rank in low] for bad in danger]).reshape(-1, 2)
         return np.concatenate([_with_difference(order)[None], _with_difference(areas)])
 
-    parts, whole, order = (bootstrap(f, told.robot, rng, draws) for f in (binned, overall, ranking))
+    parts, whole, order = (bootstrap(f, waypoints.robot, rng, draws) for f in (binned, overall, ranking))
     return Calibration(
-        told, *_rows(parts), *_rows(whole),
+        waypoints, *_rows(parts), *_rows(whole),
         rank=_cut(order, np.s_[0, :2]), rank_gained=_cut(order, np.s_[0, 2]),
         thresholds=limits, dangerous=tuple(int(bad.sum()) for bad in danger),
         auc=_cut(order, np.s_[1:, :2]), auc_gained=_cut(order, np.s_[1:, 2]),

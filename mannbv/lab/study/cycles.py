@@ -22,14 +22,14 @@ def episode_of(record: Record) -> dict:
     for key, (n_messages, n_bytes) in sorted(record.ledger.rows.items()):
         before = kinds.get(key[3], (0, 0))
         kinds[key[3]] = [before[0] + n_messages, before[1] + n_bytes]
-    for told in record.cycles:
-        for stage, spent in told["seconds"].items():
+    for log in record.cycles:
+        for stage, spent in log.seconds.to_json().items():
             seconds[stage] = seconds.get(stage, 0.0) + spent
     return {
         "strategy": record.strategy,
         "seed": record.seed,
         "cycles": count,
-        **{key: [[robot[key] for robot in told["robots"]] for told in record.cycles] for key in _EACH_ROBOT},
+        **{key: [[getattr(robot, key) for robot in log.robots] for log in record.cycles] for key in _EACH_ROBOT},
         "bytes_by_cycle": [part.total() for part in parts],
         "bytes_paper_by_cycle": [part.paper_total(record.strategy) for part in parts],
         "messages": kinds,

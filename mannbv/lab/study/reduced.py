@@ -16,6 +16,7 @@ from mannbv.lab.study.results import StudyError
 from mannbv.lab.study.summary import per_seed
 from mannbv.mapping import LocalMap
 from mannbv.objective import Belief
+from mannbv.team import RobotLog
 from mannbv.world import World
 
 METRICS = (
@@ -201,7 +202,7 @@ class _Mapper:
 class _Replay:
     """One robot's episode once more, in 3-D and in flatland."""
 
-    told: list[dict]
+    logs: tuple[RobotLog, ...]
     frames: list[Frame]  # not yet mapped
     ground: grid.Occupancy
     seed: list[int]  # of what `Mission.rng` draws
@@ -211,21 +212,22 @@ class _Replay:
 
     @staticmethod
     def of(record: Record, number: int, flat_world: World, flat_config: Config) -> "_Replay":
-        robot, told = record.robots[number], [cycle["robots"][number] for cycle in record.cycles]
+        robot = record.robots[number]
         return _Replay(
-            told, list(robot.local.keyframes), robot.belief().occupancy, [record.seed, number], flat_world,
+            record.logs(number), list(robot.local.keyframes), robot.belief().occupancy, [record.seed, number],
+            flat_world,
             _Mapper(robot.local.splats.dim, record.config),
             _Mapper(flat_world.dim, flat_config.replace(n_yaws=record.config.n_yaws)),
         )  # fmt: skip
 
     def views(self, every: int):
         """(cycle, correlation, turn, share, chance) of its views."""
-        for cycle, told in enumerate(self.told):
-            if told["view"] is None:
+        for cycle, log in enumerate(self.logs):
+            if log.view is None:
                 return
             self._observe(cycle)
             if cycle % every == 0:
-                place, path = np.array(told["view"]), np.array(told["path"])
+                place, path = np.array(log.view), np.array(log.path)
                 space = self.space.gains(place, path, self.ground)
                 flat = self.flat.gains(place[:2], path[:, :2], self.ground)
                 if space is not None and flat is not None:
@@ -247,12 +249,12 @@ class _Replay:
         if cycle == 0:
             config = self.space.config
             return len(range(0, round(2 * math.pi / config.turn), max(1, int(config.fov / config.turn))))
-        told = self.told[cycle]
+        log = self.logs[cycle]
         for count in (2, 1):
             if len(self.frames) >= count:
                 pose = self.frames[count - 1].pose
-                turned = abs(geometry.wrap(pose.yaw - told["yaw"]))
-                if np.allclose(pose.position.numpy(), told["position"], atol=1e-6) and turned < 1e-6:
+                turned = abs(geometry.wrap(pose.yaw - log.yaw))
+                if np.allclose(pose.position.numpy(), log.position, atol=1e-6) and turned < 1e-6:
                     return count
         return 0
 

@@ -9,7 +9,7 @@ from mannbv import grid, objective, planner, risk
 from mannbv.config import Config
 from mannbv.episode import Record
 from mannbv.objective import Belief, Zone
-from mannbv.team import Robot
+from mannbv.team import CycleLog, Robot
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Snapshot:
 
 def midway(record: Record) -> int:
     """A telling cycle: two thirds through those in which the most robots were still on their way."""
-    moving = np.array([sum(robot["status"] == "moving" for robot in cycle["robots"]) for cycle in record.cycles])
+    moving = np.array([sum(robot.status == "moving" for robot in log.robots) for log in record.cycles])
     if not len(moving):
         raise ValueError(f"study: the record of {record.scene} has no cycle yet; run it further")
     busiest = np.flatnonzero(moving == moving.max())
@@ -60,23 +60,23 @@ def snapshot(record: Record, cycle: int | None = None) -> Snapshot:
     cycle = midway(record) if cycle is None else cycle
     if not 0 <= cycle < len(record.cycles):
         raise ValueError(f"study: the record has cycles 0 to {len(record.cycles) - 1}, not {cycle}")
-    told = record.cycles[cycle]
-    return Snapshot(cycle, tuple(_portrait(robot, told, record.config) for robot in record.robots))
+    log = record.cycles[cycle]
+    return Snapshot(cycle, tuple(_portrait(robot, log, record.config) for robot in record.robots))
 
 
-def _portrait(robot: Robot, told: dict, config: Config) -> RobotSnapshot:
-    belief, own = robot.belief(config), told["robots"][robot.index]
-    path = np.array(own["path"], float).reshape(-1, len(robot.position))
-    suggestions = tuple((i, yaw, gain) for i, k, yaw, gain in told["suggestions"] if k == robot.index)
+def _portrait(robot: Robot, log: CycleLog, config: Config) -> RobotSnapshot:
+    belief, own = robot.belief(config), log.robots[robot.index]
+    path = np.array(own.path, float).reshape(-1, len(robot.position))
+    suggestions = tuple((i, yaw, gain) for i, k, yaw, gain in log.suggestions if k == robot.index)
     return RobotSnapshot(
         index=robot.index,
         belief=belief,
         risk=ground_risk(belief, config, robot.position[2:]),
-        position=np.array(own["position"]),
+        position=np.array(own.position),
         path=path,
-        view=None if own["view"] is None else np.array(own["view"]),
-        announced=own["announced"],
-        chosen=own["chosen"],
+        view=None if own.view is None else np.array(own.view),
+        announced=own.announced,
+        chosen=own.chosen,
         zone=objective.zone(belief, path, config) if len(path) else None,
         suggestions=suggestions,
     )

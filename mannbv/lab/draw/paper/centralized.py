@@ -54,8 +54,8 @@ def _map(ax: Axes, record: Record, told: dict, cycle: int, whole: Window) -> Non
         for robot, count in zip(record.robots, counts, strict=True)
     ]
     page.from_above(ax, splats.union(*held), record.robots[0].position[2:], record.config, opacity=0.7)
-    for told_robot, robot in zip(record.cycles[cycle]["robots"], record.robots, strict=True):
-        team.badge(ax, told_robot["position"], robot.index, 9)
+    for k, log in enumerate(record.cycles[cycle].robots):
+        team.badge(ax, log.position, k, 9)
     page.bare(ax, whole)
     team.scale_bar(ax, whole)
     size = messages.centralized_bytes(counts, record.robots[0].local.splats.dim) * _MIB

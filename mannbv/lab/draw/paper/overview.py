@@ -61,7 +61,7 @@ def overview_figure(record: Record, cycle: int | None = None) -> Figure:
 def _own(ax: Axes, record: Record, shot: study.Snapshot, k: int, whole: Window) -> None:
     """A robot's private map with its plan."""
     robot, portrait = record.robots[k], shot.portraits[k]
-    count = record.cycles[shot.cycle]["robots"][k]["splats"]
+    count = record.cycles[shot.cycle].robots[k].splats
     parts.ground(ax, robot.ground)
     page.from_above(ax, page.back_then(robot, count), robot.position[2:], record.config)
     parts.path(ax, portrait.path, robot_color(k))

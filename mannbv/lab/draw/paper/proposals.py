@@ -57,17 +57,17 @@ def telling(record: Record, cycle: int | None = None) -> tuple[int, int, int]:
     is no such pair, a robot and one that it gives a view."""
     middle = study.midway(record) if cycle is None else cycle
     cycles = sorted(range(len(record.cycles)), key=lambda c: abs(c - middle)) if cycle is None else [cycle]
-    told = {}
+    gains = {}
     for c in cycles:
-        under_way = [robot["view"] is not None for robot in record.cycles[c]["robots"]]
-        told[c] = {(i, k): gain for i, k, _, gain in record.cycles[c]["suggestions"] if under_way[i]}
+        log = record.cycles[c]
+        gains[c] = {(i, k): gain for i, k, _, gain in log.suggestions if log.robots[i].view is not None}
     for c in cycles:
-        mutual = {pair: min(gain, told[c][pair[::-1]]) for pair, gain in told[c].items() if pair[::-1] in told[c]}
+        mutual = {pair: min(gain, gains[c][pair[::-1]]) for pair, gain in gains[c].items() if pair[::-1] in gains[c]}
         if mutual:
             return c, *max(mutual, key=mutual.get)
     for c in cycles:
-        if told[c]:
-            return c, *max(told[c], key=told[c].get)
+        if gains[c]:
+            return c, *max(gains[c], key=gains[c].get)
     raise ValueError(f"{record.scene}, {record.strategy}: no robot suggests a view; give a distributed or limited run")
 
 
