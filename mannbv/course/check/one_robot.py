@@ -6,10 +6,10 @@ from collections.abc import Callable
 import numpy as np
 
 from mannbv import geometry, grid, metrics, network, team, world
-from mannbv.lab import study
 from mannbv.camera import Camera
-from mannbv.course.check.verdict import Fault, ask, compare, say
 from mannbv.config import Config
+from mannbv.course.check.verdict import Fault, ask, compare, say
+from mannbv.lab import study
 
 
 def facing(mine: Callable) -> bool:

@@ -7,8 +7,8 @@ import numpy as np
 import torch
 
 from mannbv import geometry, grid, planner, risk
-from mannbv.course.check.verdict import Fault, ask, compare, say
 from mannbv.config import Config
+from mannbv.course.check.verdict import Fault, ask, compare, say
 from mannbv.splats import SplatMap
 
 _U, _F, _O = grid.UNKNOWN, grid.FREE, grid.OCCUPIED

@@ -8,8 +8,8 @@ import torch
 from scipy.special import erfinv
 
 from mannbv import information, mask, risk
-from mannbv.course.check.verdict import compare
 from mannbv.config import Config
+from mannbv.course.check.verdict import compare
 
 _TAILS = [(1.0, 0.2, 0.1), (2.0, 0.3, 0.01), (0.4, 0.5, 0.5), (1.5, 0.05, 0.3)]
 

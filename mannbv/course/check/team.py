@@ -7,8 +7,8 @@ import numpy as np
 
 from mannbv import grid, information, mapping, messages, network, team, world
 from mannbv.camera import Camera
-from mannbv.course.check.verdict import Fault, ask, compare, say
 from mannbv.config import Config
+from mannbv.course.check.verdict import Fault, ask, compare, say
 
 RADIO = 5.0  # [m] how far a weak radio reaches
 # where five robots stand [m]: a chain 0-1-2, robot 3 out of reach, robot 4 at its goal near the chain; and their views

@@ -8,8 +8,8 @@ import torch
 
 from mannbv import geometry, information, mask, objective
 from mannbv.camera import Camera
-from mannbv.course.check.verdict import compare
 from mannbv.config import Config
+from mannbv.course.check.verdict import compare
 from mannbv.splats import SplatMap
 
 

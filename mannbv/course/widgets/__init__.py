@@ -1,8 +1,8 @@
 """Explorers: pictures that a hand moves, in JupyterLab and under Voilà."""
 
-from mannbv.course.widgets.consensus import agreement
 from mannbv.course.widgets.bound import lower_bound
 from mannbv.course.widgets.camera import splat_and_camera
+from mannbv.course.widgets.consensus import agreement
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.information import information_over_yaw
 from mannbv.course.widgets.masks import masks_along_a_path

@@ -7,16 +7,16 @@ import numpy as np
 import torch
 
 from mannbv import geometry, grid, information, objective
-from mannbv.lab import draw
 from mannbv.camera import Camera
 from mannbv.config import Config
-from mannbv.lab.draw.canvas import INK, PALE
-from mannbv.kernels.flat import rays
-from mannbv.objective import Belief
-from mannbv.splats import SplatMap
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.settings import Choice, Place, Turn
+from mannbv.kernels.flat import rays
+from mannbv.lab import draw
+from mannbv.lab.draw.canvas import INK, PALE
+from mannbv.objective import Belief
+from mannbv.splats import SplatMap
 
 _LOW, _HIGH = (-3.0, -2.6), (3.0, 2.6)  # [m]
 _LATTICE = grid.Lattice.around(_LOW, _HIGH, 0.125)

@@ -6,12 +6,12 @@ import numpy as np
 import torch
 
 from mannbv import geometry, render
-from mannbv.lab import draw
 from mannbv.camera import Camera
-from mannbv.splats import SplatMap
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.settings import Place, Range, Turn
+from mannbv.lab import draw
+from mannbv.splats import SplatMap
 
 _WIDTH = 128
 _PLANE, _LOW, _HIGH = ((-1.0, -2.0), (5.0, 2.0)), (0.0, -1.1), (4.1, 1.1)  # [m]

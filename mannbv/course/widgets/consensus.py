@@ -6,12 +6,12 @@ import math
 import numpy as np
 
 from mannbv import consensus, geometry, network
-from mannbv.lab import draw
 from mannbv.course.check.consensus import hilly
-from mannbv.lab.draw.canvas import INK, PALE
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.settings import Choice, Range
+from mannbv.lab import draw
+from mannbv.lab.draw.canvas import INK, PALE
 
 _ROUNDS, _TOLERANCE = 50, consensus.Settings().tolerance
 _HILLS, _ANYWHERE, _SEAM, _WOUND = "hills", "anywhere", "seam", "wound"

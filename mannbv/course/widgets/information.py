@@ -8,13 +8,13 @@ import numpy as np
 import torch
 
 from mannbv import geometry, grid, information, mask
-from mannbv.lab import draw
 from mannbv.camera import Camera
-from mannbv.lab.draw.canvas import INK, PALE
-from mannbv.splats import SplatMap
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.settings import Choice, Place, Range, Switch, Turn
+from mannbv.lab import draw
+from mannbv.lab.draw.canvas import INK, PALE
+from mannbv.splats import SplatMap
 
 _LOW, _HIGH = (0.0, 0.0), (5.0, 4.4)  # [m] a room, with a wall that leaves a door at its upper end
 _WALLS = [((0, 0), (5, 0)), ((5, 0), (5, 4.4)), ((5, 4.4), (0, 4.4)), ((0, 4.4), (0, 0)), ((3, 0), (3, 3.1))]

@@ -7,13 +7,13 @@ import numpy as np
 import torch
 
 from mannbv import geometry, grid, mask, planner, risk, world
-from mannbv.lab import draw
 from mannbv.config import Config
-from mannbv.lab.draw.canvas import INK, PALE
-from mannbv.splats import SplatMap
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.settings import Choice, Place, Range
+from mannbv.lab import draw
+from mannbv.lab.draw.canvas import INK, PALE
+from mannbv.splats import SplatMap
 
 _CONFIG = Config()
 _BODY, _SPACING = 0.2, 0.2  # [m] that the path keeps from surfaces, and between waypoints

@@ -4,15 +4,15 @@ import math
 
 import numpy as np
 
-from mannbv import network
-from mannbv.lab import draw
 from mannbv import messages as wire
+from mannbv import network
 from mannbv.config import Config
-from mannbv.lab.draw.canvas import PALE
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.settings import Choice, Range
 from mannbv.course.widgets.traffic import cycle_ledger, size_of
+from mannbv.lab import draw
+from mannbv.lab.draw.canvas import PALE
 
 _CODEC = Config().codec
 _KINDS = dict(zip(("Plan", "Suggestion", "Copies", "Splats", "Grid"), draw.COLORS, strict=False))

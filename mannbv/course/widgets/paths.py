@@ -6,14 +6,14 @@ import numpy as np
 import torch
 
 from mannbv import grid, metrics, planner, risk
-from mannbv.lab import draw
 from mannbv.config import Config
-from mannbv.lab.draw.canvas import INK
-from mannbv.splats import SplatMap
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.masks import flat, surface_splats
 from mannbv.course.widgets.settings import Choice, Place, Range
+from mannbv.lab import draw
+from mannbv.lab.draw.canvas import INK
+from mannbv.splats import SplatMap
 
 _CONFIG = Config(cell=0.1)  # coarse, so that a whole sweep of weights fits in a step
 _LOW, _HIGH = (0.12, 0.12), (9.88, 7.48)  # the corners of the flat [m]

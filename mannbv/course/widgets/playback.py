@@ -8,10 +8,10 @@ import numpy as np
 import torch
 
 from mannbv import episode, metrics, risk, world
-from mannbv.lab import study
 from mannbv.camera import Camera
 from mannbv.episode import Record
 from mannbv.grid import Occupancy
+from mannbv.lab import study
 from mannbv.messages import Ledger
 from mannbv.team import RobotLog
 

@@ -7,13 +7,13 @@ import numpy as np
 import torch
 
 from mannbv import episode, planner, risk
-from mannbv.lab import draw
 from mannbv.config import Config
-from mannbv.lab.draw.canvas import INK, PALE
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.playback import Playback
 from mannbv.course.widgets.settings import Choice, Place, Range
+from mannbv.lab import draw
+from mannbv.lab.draw.canvas import INK, PALE
 
 _LAYERS = ("true plan", "ground it knows", "its splats", "risk on its map")
 _TEAM = Config(image_width=48, fit_steps=12, n_yaws=120, max_cycles=20)

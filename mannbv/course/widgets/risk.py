@@ -7,12 +7,12 @@ import numpy as np
 import torch
 
 from mannbv import grid, risk
-from mannbv.lab import draw
-from mannbv.lab.draw.canvas import INK, PALE
-from mannbv.splats import SplatMap
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.settings import Choice, Place, Range
+from mannbv.lab import draw
+from mannbv.lab.draw.canvas import INK, PALE
+from mannbv.splats import SplatMap
 
 _LOW, _HIGH = (0.0, 0.0), (4.0, 3.0)  # [m]
 _LATTICE = grid.Lattice.around(_LOW, _HIGH, 0.04)

@@ -9,13 +9,13 @@ import numpy as np
 import torch
 
 from mannbv import geometry, information, render, splats, world
-from mannbv.lab import draw
 from mannbv.camera import Camera, back_project
-from mannbv.lab.draw.canvas import INK, PALE, UNKNOWN
-from mannbv.splats import SplatMap
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.settings import Choice, Place, Range, Turn
+from mannbv.lab import draw
+from mannbv.lab.draw.canvas import INK, PALE, UNKNOWN
+from mannbv.splats import SplatMap
 
 _CAMERA = Camera.from_fov(220, 165)
 _START, _YAW = (5.2, 0.9), 1.5  # [m], [rad]: where one stands in the flat at first
