@@ -38,7 +38,10 @@ from tqdm import tqdm
 
 COURSE = Path(__file__).resolve().parents[2] / "notebooks"
 COLUMNS = ("file", "notebook", "exercise", "passed", "says", "seconds", "raised", "sha256")
-FRESH = "import sys\nfor name in [n for n in sys.modules if n.startswith('mannbv.course.check')]:\n    del sys.modules[name]"
+FRESH = """\
+import sys
+for name in [name for name in sys.modules if name.startswith("mannbv.course.check")]:
+    del sys.modules[name]"""
 LATE = "out of time"
 _LOG = logging.getLogger(__name__)
 _LOG.addHandler(logging.NullHandler())

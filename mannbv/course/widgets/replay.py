@@ -22,10 +22,11 @@ _SIDE, _LEFT, _TOP = 118, 470, 40  # [px] of a picture, and where the first one 
 
 
 def replay(record=None, reel=None, place=None) -> Explorer:
-    """Play an episode of space from its record and its reel: all ways, and one robot's ground, plan, view and pictures.
+    """Play an episode of space: all ways, and one robot's ground, plan, view and pictures.
 
-    record: an `episode.Record`, be it a lean one, or a file of one; reel: a `Recording` or a file of one. By default a team
-    of two is run once, some seconds. place: the World, where `world.load` does not know the scene by its name.
+    record: an `episode.Record`, with or without maps, or a file of one; reel: its `Recording` or a file of one. By
+    default a team of two is run once, some seconds. place: the World, where `world.load` does not know the scene by
+    its name.
     Raises ValueError where the two do not belong together; what `episode.load` and `Recording.load` raise.
     """
     if record is None:
