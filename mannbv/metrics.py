@@ -10,14 +10,14 @@ from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.objective import Belief
 from mannbv.splats import SplatMap
-from mannbv.world import Place
+from mannbv.world import World
 
 HEADINGS = 8  # of the paper's "different viewing angles"; chosen here, as are the two lengths below
 _SPACING = 1.0  # [m] between the places along a trajectory where the map is compared with the world
 _PATH_SCORES = ("total_risk_m", "total_risk_true_m", "risk_gain_m", "risk_gain_true_m", "reference_clearance_m")
 
 
-def view_quality(splat_map: SplatMap, world: Place, camera: Camera, trail: np.ndarray, config: Config):
+def view_quality(splat_map: SplatMap, world: World, camera: Camera, trail: np.ndarray, config: Config):
     """(PSNR [dB], depth MAE [m]) of the map against the world, from places a metre apart on a trajectory (k, d).
 
     `HEADINGS` headings at each place, the paper's "different viewing angles". PSNR is that of the mean squared error
@@ -36,9 +36,9 @@ def view_quality(splat_map: SplatMap, world: Place, camera: Camera, trail: np.nd
     return -10 * math.log10(max(square, 1e-12)), gap
 
 
-def true_surfaces(world: Place) -> SplatMap:
+def true_surfaces(world: World) -> SplatMap:
     """The world's surfaces as splats without spread, so that their risk is the plain distance."""
-    points = torch.from_numpy(world.surface_points()).float()
+    points = torch.from_numpy(world.seen.sampled()).float()
     n, dim = points.shape
     rotations = geometry.identity_rotations(n, dim)
     return SplatMap(points, torch.full((n, dim), -20.0), rotations, torch.full((n,), 10.0), torch.zeros(n, 3))
@@ -61,7 +61,7 @@ def reference_path(belief: Belief, start: np.ndarray, goal: np.ndarray, config: 
     return path if (gaps <= near).all() else None
 
 
-def path_scores(belief: Belief, world: Place, surfaces: SplatMap, start, goal, shortest: np.ndarray, config: Config):
+def path_scores(belief: Belief, world: World, surfaces: SplatMap, start, goal, shortest: np.ndarray, config: Config):
     """Risk of the reference path and its gain over the shortest feasible path, on the own map and the true surfaces.
 
     Returns total_risk_m, total_risk_true_m, risk_gain_m, risk_gain_true_m, and reference_clearance_m, the least true
@@ -76,10 +76,10 @@ def path_scores(belief: Belief, world: Place, surfaces: SplatMap, start, goal, s
 
     own, true = total(belief.splats, path), total(surfaces, path)
     gains = own - total(belief.splats, shortest), true - total(surfaces, shortest)
-    return dict(zip(_PATH_SCORES, (own, true, *gains, float(world.clearance(path).min())), strict=True))
+    return dict(zip(_PATH_SCORES, (own, true, *gains, float(world.ground.clearance(path).min())), strict=True))
 
 
-def travel_scores(world: Place, trail: np.ndarray, goal, shortest: np.ndarray, reached: bool, collisions: int):
+def travel_scores(world: World, trail: np.ndarray, goal, shortest: np.ndarray, reached: bool, collisions: int):
     """Length, overhead, clearance and SPL of an executed trajectory (k, d) [m].
 
     shortest (j, d): the shortest feasible path on the true plan. path_overhead counts the rest of the way to the goal,
@@ -91,7 +91,7 @@ def travel_scores(world: Place, trail: np.ndarray, goal, shortest: np.ndarray, r
         "path_length_m": length,
         "path_overhead": (length + rest) / best - 1 if reached and best > 0 else math.nan,
         "collisions": collisions,
-        "min_clearance_m": float(world.clearance(trail).min()),
+        "min_clearance_m": float(world.ground.clearance(trail).min()),
         "spl": float(reached) * best / max(length, best) if best > 0 else float(reached),
     }
 

@@ -212,7 +212,7 @@ def test_a_robot_that_knows_nothing_near_foretells_none(place, monkeypatch):
 def test_forecasts_are_all_announced_waypoints_with_their_true_clearance(records, place):
     told = study.forecasts(records, place)
     rows = [
-        (log.risk[k], log.risk_inflated[k], float(place.clearance(np.array([point]))[0]), (record.seed, number))
+        (log.risk[k], log.risk_inflated[k], float(place.ground.clearance(np.array([point]))[0]), (record.seed, number))
         for record in records
         for cycle in record.cycles
         for number, log in enumerate(cycle.robots)

@@ -116,10 +116,10 @@ def test_the_ground_tells_unknown_free_and_occupied_apart(ax):
 
 def test_a_plan_shows_every_surface_in_its_colour(ax, place):
     lines = draw.plan(ax, place)
-    np.testing.assert_allclose(lines.get_segments(), place.segments.reshape(-1, 2, 2))
-    np.testing.assert_allclose(lines.get_colors()[:, :3], place.colors)
-    assert ax.get_xlim()[0] < place.lower[0]
-    assert ax.get_xlim()[1] > place.upper[0]
+    np.testing.assert_allclose(lines.get_segments(), place.seen.ends.reshape(-1, 2, 2))
+    np.testing.assert_allclose(lines.get_colors()[:, :3], place.seen.colors)
+    assert ax.get_xlim()[0] < place.seen.lower[0]
+    assert ax.get_xlim()[1] > place.seen.upper[0]
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x [m]", "y [m]")
 
 

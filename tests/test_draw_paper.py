@@ -197,11 +197,10 @@ def test_beliefs_have_a_risk_field_and_a_map_a_robot(records):
 def test_the_plan_of_a_space_is_that_of_its_ground(records):
     dim = records["limited"].robots[0].local.splats.dim
     place = world.load("flat", dim=dim)
-    plan = place.ground if dim > 2 else place
     made = draw.team_figure(records["limited"], place, cycle=1)
     (ax,) = titled(made, "Ways taken")
     walls = next(c for c in ax.collections if isinstance(c, LineCollection))
-    np.testing.assert_allclose(walls.get_segments(), plan.segments.reshape(-1, 2, 2))
+    np.testing.assert_allclose(walls.get_segments(), place.ground.walls.ends.reshape(-1, 2, 2))
     for robot in records["limited"].robots:
         assert any(np.array_equal(line.get_xydata(), robot.trail[:, :2]) for line in ax.lines)
     said = any("From above: splats 0.1 to 1.3 m over the floor" in text.get_text() for text in made.texts)

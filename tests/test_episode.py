@@ -82,9 +82,9 @@ def test_robots_reach_their_goals_and_the_scores_hold_together():
         assert np.linalg.norm(robot.position - place.goals[robot.index]) <= config.reach
         length = np.linalg.norm(np.diff(robot.trail, axis=0), axis=1).sum()
         assert row["path_length_m"] == pytest.approx(length)
-        assert row["min_clearance_m"] == pytest.approx(place.clearance(robot.trail).min())
+        assert row["min_clearance_m"] == pytest.approx(place.ground.clearance(robot.trail).min())
         assert row["min_clearance_m"] >= config.robot_radius and row["collisions"] == 0
-        shortest = place.shortest_path(place.starts[robot.index], place.goals[robot.index], config.robot_radius)
+        shortest = place.ground.shortest_path(place.starts[robot.index], place.goals[robot.index], config.robot_radius)
         best = np.linalg.norm(np.diff(shortest, axis=0), axis=1).sum()
         assert row["spl"] == pytest.approx(best / max(best, length))
         assert row["bytes_sent"] == row["bytes_received"] == 0
@@ -162,7 +162,7 @@ def place_with_island():
 
     place = world.load("flat")
     goals = place.goals.copy()
-    goals[0] = place.upper + 1.0
+    goals[0] = place.seen.upper + 1.0
     return dataclasses.replace(place, goals=goals)
 
 
@@ -199,7 +199,7 @@ def test_a_robot_in_space_stays_at_camera_height_and_keeps_clear_of_what_stands_
     (robot,), (row,) = record.robots, record.rows
     assert np.array_equal(np.unique(robot.trail[:, 2]), [config.camera_height])
     assert len(robot.trail) > 40
-    clear = world.load("flat", dim=3).clearance(robot.trail)
+    clear = world.load("flat", dim=3).ground.clearance(robot.trail)
     assert row["min_clearance_m"] == clear.min() >= config.robot_radius
     assert row["collisions"] == 0
 
@@ -208,8 +208,8 @@ def test_what_a_robot_in_space_takes_for_ground_is_ground(spatial):
     record, _ = spatial
     known, place = record.robots[0].ground, world.load("flat", dim=3)
     centers = known.lattice.centers().reshape(-1, 2)
-    clear = place.clearance(centers).reshape(known.lattice.shape)
-    inside = place.inside(centers).reshape(known.lattice.shape)
+    clear = place.ground.clearance(centers).reshape(known.lattice.shape)
+    inside = place.ground.inside(centers).reshape(known.lattice.shape)
     assert (clear[(known.state == OCCUPIED) & inside] <= 0.05).all()  # a surface in each, at most half a diagonal away
     assert (known.state == FREE).sum() > 3000
     assert (clear[(known.state == FREE) & inside] > 0).mean() > 0.97
@@ -234,7 +234,7 @@ def test_risk_on_the_true_surfaces_is_the_clearance():
     """By the body; a robot's camera is farther from low furniture than its body is."""
     config = SPACE
     place = world.load("flat", dim=3)
-    lattice, free = place.free_grid(0.05, 0.1)
+    lattice, free = place.ground.free_grid(0.05, 0.1)
     spots = lattice.centers(np.argwhere(free)[::97])
     path = np.column_stack([spots, np.full(len(spots), config.camera_height)])
     surfaces = metrics.true_surfaces(place)
@@ -242,5 +242,5 @@ def test_risk_on_the_true_surfaces_is_the_clearance():
         risk.along(surfaces, torch.from_numpy(path), config.replace(risk_from=name)).numpy()
         for name in ("body", "camera")
     )
-    assert np.abs(body - place.clearance(path)).max() < 0.02
+    assert np.abs(body - place.ground.clearance(path)).max() < 0.02
     assert (camera > body - 1e-6).all() and (camera > body + 0.1).any()

@@ -11,7 +11,8 @@ import trimesh
 from mannbv import geometry, world
 from mannbv.camera import Camera
 from mannbv.kernels.flat import rays
-from mannbv.world import bodies, extrude, library, mesh, plan
+from mannbv.world import bodies, extrude, library
+from mannbv.world.formats import mesh, plan
 from mannbv.world.surfaces import Surfaces
 
 NAMES = ["flat", "openplan", "corridor", "wings"]
@@ -66,7 +67,7 @@ def look(surfaces: Surfaces, origin, direction) -> tuple[float, np.ndarray, np.n
     origin, direction = np.array([origin], float), np.array([direction], float)
     direction /= np.linalg.norm(direction)
     depth, face = surfaces.cast(origin, direction)
-    return depth[0], surfaces.seen(origin[0], direction, face, 1e-6)[0], (origin + min(depth[0], 1e3) * direction)[0]
+    return depth[0], surfaces.shaded(origin[0], direction, face, 1e-6)[0], (origin + min(depth[0], 1e3) * direction)[0]
 
 
 @pytest.mark.parametrize(
@@ -139,9 +140,11 @@ def test_a_window_has_a_pane_between_sill_and_lintel(tmp_path):
 
 def inner_points(scene: plan.Plan, rng, n) -> np.ndarray:
     """Random points (≤ n, 3) inside a building and outside all bodies, a millimetre from floor and ceiling."""
-    ground = plan.world(scene)
+    ground = plan.ground(scene)
     points = np.append(
-        rng.uniform(ground.lower, ground.upper, (n, 2)), rng.uniform(0.001, scene.wall_height - 0.001, (n, 1)), 1
+        rng.uniform(ground.walls.lower, ground.walls.upper, (n, 2)),
+        rng.uniform(0.001, scene.wall_height - 0.001, (n, 1)),
+        1,
     )
     free = ground.inside(points)
     for block in (*scene.walls, *scene.furniture):
@@ -204,20 +207,19 @@ def test_no_two_faces_lie_in_one_place(buildings, rng, name):
 def test_at_the_cut_a_building_looks_as_in_flatland(plans, buildings, name):
     """Depth and colour along a level line of sight equal flatland's, of what stands at that height."""
     scene = plans[name]
-    there = lambda blocks: tuple(b for b in blocks if b.elevation < extrude.CUT < b.elevation + b.height)  # noqa: E731
-    slice_ = plan.world(dataclasses.replace(scene, walls=there(scene.walls), furniture=there(scene.furniture)))
+    walls = plan.ground(scene, (extrude.CUT, extrude.CUT)).walls
     yaws = np.linspace(-math.pi, math.pi, 60, endpoint=False)
     camera, errors = Camera.from_fov(33), []
     slopes = (np.arange(33) + 0.5 - 16.5) / camera.focal
     for x, y, _ in scene.starts:
         for yaw in yaws:
             right, forward = np.array([math.sin(yaw), -math.cos(yaw)]), np.array([math.cos(yaw), math.sin(yaw)])
-            depth, index, share = rays.cast(slice_.segments, np.array([x, y]), right, forward, slopes)
-            color = rays.shade(slice_.segments, slice_.colors, slice_.textures, index, share, 1)
+            depth, index, share = rays.cast(walls.ends, np.array([x, y]), right, forward, slopes)
+            color = rays.shade(walls.ends, walls.colors, walls.textures, index, share, 1)
             origin = np.array([x, y, extrude.CUT + 0.001])  # some furniture ends at the very cut
             directions = np.insert(forward + slopes[:, None] * right, 2, 0.0, 1)
             found, face = buildings[name].cast(np.broadcast_to(origin, directions.shape), directions)
-            seen = buildings[name].seen(origin, directions, face, 1e-6)
+            seen = buildings[name].shaded(origin, directions, face, 1e-6)
             errors.append(np.column_stack([np.abs(found - depth), np.abs(seen - color).max(1)]))
     errors = np.concatenate(errors)
     assert (errors[:, 0] < 1e-5).mean() > 0.9995  # a sight line along an edge may end on either side of it
@@ -252,14 +254,14 @@ def test_walls_have_skirting_boards_and_closed_doors_none(tmp_path):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_plan_file_becomes_a_space(name):
     space, ground = extrude.load(library.folder() / f"{name}.json"), world.load(name)
-    assert (space.name, space.description, space.dim, space.floor) == (name, ground.description, 3, 0.0)
+    assert (space.name, space.description, space.dim, space.ground.floor) == (name, ground.description, 3, 0.0)
     assert np.array_equal(np.delete(space.starts, 2, 1), ground.starts)
     assert np.array_equal(space.goals[:, :2], ground.goals)
     assert (space.starts[:, 2] == 1.25).all() and (space.goals[:, 2] == 1.25).all()
-    assert np.array_equal(space.ground.segments, ground.segments)
+    assert np.array_equal(space.ground.walls.ends, ground.seen.ends)
     frame = space.sense(Camera.from_fov(32, 24), geometry.yaw_pose(space.starts[0, :3], 0.3), max_depth=100.0)
     assert (frame.depth > 0).all() and frame.color.std() > 0.05
-    assert sum(image.nbytes for image in space.surfaces.images) < 50e6
+    assert sum(image.nbytes for image in space.seen.images) < 50e6
 
 
 def test_images_of_a_large_hall_stay_small(tmp_path):
@@ -289,7 +291,7 @@ def test_an_exported_building_has_the_same_faces_and_colors(buildings, rng, tmp_
     origin, directions = np.array([1.9, 3.5, 1.3]), rng.standard_normal((5000, 3))
     _, face = surfaces.cast(np.broadcast_to(origin, directions.shape), directions)
     for pixel, share in ((1e-6, 1.0), (0.02, 0.9)):  # exact near by; far off both see coarser copies of their images
-        ours, theirs = (one.seen(origin, directions, face, pixel) for one in (surfaces, back))
+        ours, theirs = (one.shaded(origin, directions, face, pixel) for one in (surfaces, back))
         assert (np.abs(ours - theirs).max(1) < 0.01).mean() >= share
 
 

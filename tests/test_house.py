@@ -29,6 +29,7 @@ WINGS = {"lab", "course"}  # folders whose rooms have floors of their own
 MAY_ASK = {
     ("commands", "run"): "names the folder of a 3-D run",
     ("world", "_load"): "a scene stands in both: which one is asked for",
+    ("world", "suited"): "a plane has no height to which a camera could be raised",
 }
 GROUND = {BASEMENT, "geometry", "grid", "network", "config", "splats", "camera", "consensus"}
 

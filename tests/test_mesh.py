@@ -17,7 +17,8 @@ from scipy import ndimage, optimize
 from mannbv import geometry, grid
 from mannbv.camera import Camera
 from mannbv.kernels.space import cover
-from mannbv.world import SceneError, mesh, rosmap, storeys, upright
+from mannbv.world import SceneError
+from mannbv.world.formats import mesh, rosmap, storeys, upright
 from mannbv.world.surfaces import Surfaces
 
 SCENES = Path(__file__).parents[1].parent / "shared" / "scenes"
@@ -81,7 +82,7 @@ def written(parts, path: Path, up="z", unit=1.0) -> Path:
 
 def seen(space, yaw) -> np.ndarray:
     """The colour in the middle of what a camera sees from the middle of the room."""
-    position = torch.tensor([SIZE[0] / 2, SIZE[1] / 2, space.floor + 1.25])
+    position = torch.tensor([SIZE[0] / 2, SIZE[1] / 2, space.ground.floor + 1.25])
     frame = space.sense(Camera.from_fov(9, 9, math.radians(40)), geometry.yaw_pose(position, yaw))
     return frame.color[4, 4].numpy()
 
@@ -91,9 +92,9 @@ def seen(space, yaw) -> np.ndarray:
 @pytest.mark.parametrize("unit", [1.0, 0.01])
 def test_a_room_stands_as_it_was_built(tmp_path, suffix, up, unit):
     space = mesh.load(written(room(), tmp_path / f"room{suffix}", up, unit))
-    np.testing.assert_allclose(space.lower, [0, 0, 0], atol=1e-5)
-    np.testing.assert_allclose(space.upper, SIZE, atol=1e-5)
-    assert abs(space.floor) < 1e-5 and space.dim == 3
+    np.testing.assert_allclose(space.seen.lower, [0, 0, 0], atol=1e-5)
+    np.testing.assert_allclose(space.seen.upper, SIZE, atol=1e-5)
+    assert abs(space.ground.floor) < 1e-5 and space.dim == 3
     for yaw, color in ((np.pi / 2, RED), (-np.pi / 2, GREEN), (np.pi, BLUE), (0.0, YELLOW)):
         np.testing.assert_allclose(seen(space, yaw), color, atol=0.01)
     space.check_team(len(space.starts))
@@ -156,10 +157,10 @@ def test_a_plane_of_ground_is_cut_to_the_building(tmp_path):
     """It carries the house, but does not make the scene a kilometre wide."""
     ground = quad([-500, -500, 0], [500, -500, 0], [500, 500, 0], [-500, 500, 0], BROWN, n=1)
     space = mesh.load(written([*room()[1:], ground], tmp_path / "room.ply"))
-    assert np.ptp(space.surfaces.corners[..., :2], axis=(0, 1)).max() < 40
-    assert space.floor == pytest.approx(0, abs=1e-4)
+    assert np.ptp(space.seen.corners[..., :2], axis=(0, 1)).max() < 40
+    assert space.ground.floor == pytest.approx(0, abs=1e-4)
     inside = ((space.starts[:, :2] > 0) & (space.starts[:, :2] < SIZE[:2])).all(1)
-    assert inside.all() and space.area < SIZE[0] * SIZE[1]
+    assert inside.all() and space.ground.area < SIZE[0] * SIZE[1]
 
 
 # ---- colours -------------------------------------------------------------------------------------------------------
@@ -307,9 +308,9 @@ def test_the_floor_may_be_chosen(tmp_path):
     wide = quad([6, 0, 0], [9, 0, 0], [9, 4, 0], [6, 4, 0], WHITE)
     path = written([*room(table=False), *room(2.9), *[wide]], tmp_path / "house.glb")
     low, high = mesh.load(path, floor=0.3), mesh.load(path, floor=3.2)
-    assert (low.floor, high.floor) == (pytest.approx(0, abs=1e-5), pytest.approx(2.9, abs=1e-5))
-    assert low.area > high.area + 0.5  # a table stands upstairs
-    assert mesh.load(path).floor == low.floor
+    assert (low.ground.floor, high.ground.floor) == (pytest.approx(0, abs=1e-5), pytest.approx(2.9, abs=1e-5))
+    assert low.ground.area > high.ground.area + 0.5  # a table stands upstairs
+    assert mesh.load(path).ground.floor == low.ground.floor
     assert any("0.00, 2.90 m" in note for note in low.notes)
     np.testing.assert_allclose(high.starts[:, 2], 2.9 + 1.25, atol=1e-5)
 
@@ -514,10 +515,10 @@ def test_a_real_house_agrees_with_the_map_a_robot_made_of_it():
     lattice = grid.Lattice(tuple(origin[:2]), cell, state.shape)
     free, mapped = state == grid.FREE, state == grid.OCCUPIED
     body, laser = np.zeros(state.shape, bool), np.zeros(state.shape, bool)
-    cover.cover(space.surfaces.corners, 0.1, 1.3, origin[:2], cell, body)
-    cover.cover(space.surfaces.corners, 0.15, 0.25, origin[:2], cell, laser)
+    cover.cover(space.seen.corners, 0.1, 1.3, origin[:2], cell, body)
+    cover.cover(space.seen.corners, 0.15, 0.25, origin[:2], cell, laser)
     visible = laser & near(free, 1)
-    ours = ~space.solid(lattice.centers().reshape(-1, 2)).reshape(state.shape)
+    ours = ~space.ground.solid(lattice.centers().reshape(-1, 2)).reshape(state.shape)
 
     def agreement(mapped, free):
         """Walls of the map near the mesh, of the mesh near the map; shared ground over all that either calls free."""
@@ -536,6 +537,6 @@ def test_a_real_house_agrees_with_the_map_a_robot_made_of_it():
 )  # fmt: skip
 def test_real_meshes_load_upright_and_in_metres(name, size, tolerance):
     space = mesh.load(SCENES / "meshes" / f"{name}.glb")
-    np.testing.assert_allclose(space.upper - space.lower, size, atol=tolerance)
-    assert space.floor == pytest.approx(0, abs=0.02)
+    np.testing.assert_allclose(space.seen.upper - space.seen.lower, size, atol=tolerance)
+    assert space.ground.floor == pytest.approx(0, abs=0.02)
     space.check_team(5)

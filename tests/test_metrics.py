@@ -24,7 +24,7 @@ def place():
 
 def surface_map(place) -> SplatMap:
     """True surfaces as opaque grey splats."""
-    points = torch.from_numpy(place.surface_points(0.05)).float()
+    points = torch.from_numpy(place.seen.sampled(0.05)).float()
     n = len(points)
     grey = torch.full((n, 3), 0.5)
     return SplatMap(
@@ -50,17 +50,17 @@ def test_view_quality_is_scikit_images_over_all_views(place):
 
 
 def test_true_risk_is_the_mean_clearance(place):
-    path = place.shortest_path(place.starts[0], place.goals[0], 0.2)
+    path = place.ground.shortest_path(place.starts[0], place.goals[0], 0.2)
     true = risk.total(metrics.true_surfaces(place), torch.from_numpy(path))
-    assert true == pytest.approx(place.clearance(path).mean(), abs=0.002)
+    assert true == pytest.approx(place.ground.clearance(path).mean(), abs=0.002)
 
 
 def test_risk_gain_is_that_of_the_planned_path_over_the_shortest(place):
-    lattice, free = place.free_grid(CONFIG.cell, 0.05)
+    lattice, free = place.ground.free_grid(CONFIG.cell, 0.05)
     ground = grid.Occupancy(lattice, np.where(free, -1.0, 3.0).astype(np.float32))
     belief = Belief(surface_map(place), torch.zeros(0), ground)
     start, goal = place.starts[0, :2], place.goals[0]
-    shortest = place.shortest_path(start, goal, CONFIG.robot_radius)
+    shortest = place.ground.shortest_path(start, goal, CONFIG.robot_radius)
     scores = metrics.path_scores(belief, place, metrics.true_surfaces(place), start, goal, shortest, CONFIG)
     path = metrics.reference_path(belief, start, goal, CONFIG)
     brute = [
@@ -74,15 +74,15 @@ def test_risk_gain_is_that_of_the_planned_path_over_the_shortest(place):
     own = risk.total(belief.splats, torch.from_numpy(path))
     assert scores["total_risk_m"] == pytest.approx(own)
     assert scores["risk_gain_m"] == pytest.approx(own - risk.total(belief.splats, torch.from_numpy(shortest)))
-    assert scores["reference_clearance_m"] == pytest.approx(place.clearance(path).min())
+    assert scores["reference_clearance_m"] == pytest.approx(place.ground.clearance(path).min())
     assert scores["risk_gain_m"] > 0.05  # the planned path pays for safety
     assert planner.lengths(path)[-1] >= planner.lengths(shortest)[-1] - 0.2
 
 
 def test_a_map_without_a_way_scores_nothing(place):
-    ground = grid.Occupancy.unknown(place.lattice(CONFIG.cell))
+    ground = grid.Occupancy.unknown(place.ground.lattice(CONFIG.cell))
     belief = Belief(surface_map(place), torch.zeros(0), ground)
-    shortest = place.shortest_path(place.starts[0], place.goals[0], 0.1)
+    shortest = place.ground.shortest_path(place.starts[0], place.goals[0], 0.1)
     scores = metrics.path_scores(
         belief, place, metrics.true_surfaces(place), place.starts[0, :2], place.goals[0], shortest, CONFIG
     )
@@ -90,7 +90,7 @@ def test_a_map_without_a_way_scores_nothing(place):
 
 
 def test_a_path_that_ends_far_from_the_goal_is_no_path_to_it(place):
-    lattice, free = place.free_grid(CONFIG.cell, 0.05)
+    lattice, free = place.ground.free_grid(CONFIG.cell, 0.05)
     known = free & (np.linalg.norm(lattice.centers() - place.starts[0, :2], axis=-1) < 2.0)
     ground = grid.Occupancy(lattice, np.where(known, -1.0, 0.0).astype(np.float32))
     belief = Belief(surface_map(place), torch.zeros(0), ground)

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from mannbv import geometry
 from mannbv.camera import Camera
-from mannbv.world import SceneError, pointnav
+from mannbv.world import SceneError
+from mannbv.world.formats import pointnav
 
 TO_HABITAT = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # world z up → Habitat y up
 COLORS = {"north": test_mesh.RED, "south": test_mesh.GREEN, "west": test_mesh.BLUE, "east": test_mesh.YELLOW}
@@ -89,7 +90,6 @@ def test_the_team_is_made_of_the_episodes_that_fit(tmp_path, scenes):
     space = pointnav.load(packed(tmp_path / "val.json.gz", {"episodes": listed}), scenes)
     np.testing.assert_allclose(space.starts[:, :2], [[3, 2], [1, 3], [5, 1]], atol=1e-6)
     np.testing.assert_allclose(space.starts[:, 2], [1.25, 1.30, 1.25], atol=1e-6)
-    np.testing.assert_allclose(space.ground.starts[:, :2], space.starts[:, :2])
     assert any("3 episodes skipped" in note for note in space.notes)
     assert any("1 episodes skipped: too near" in note for note in space.notes)
     space.check_team(3)
@@ -102,9 +102,9 @@ def test_the_storey_is_that_of_the_first_start(tmp_path, scenes):
     up, down = episode([3.0, 2.0, 2.95], [5.0, 3.0, 2.9]), episode([3.0, 2.0, 0.0], [5.0, 3.0, 0.0])
     path = packed(tmp_path / "val.json.gz", {"episodes": [up, down]})
     space = pointnav.load(path, scenes)
-    assert space.floor == pytest.approx(2.9, abs=0.01) and len(space.starts) == 1
+    assert space.ground.floor == pytest.approx(2.9, abs=0.01) and len(space.starts) == 1
     assert space.starts[0, 2] == pytest.approx(2.95 + 1.25)
-    assert pointnav.load(path, scenes, floor=0.2).floor == pytest.approx(0, abs=0.01)
+    assert pointnav.load(path, scenes, floor=0.2).ground.floor == pytest.approx(0, abs=0.01)
 
 
 @pytest.mark.parametrize(

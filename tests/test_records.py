@@ -64,7 +64,7 @@ def test_waypoints_are_forecasts_to_the_millimetre(made, runs, records, monkeypa
     place, all_runs = world.load("flat", dim=3), _space(runs)
     told = study.forecasts(all_runs, place)
     assert np.abs(made["waypoint_alpha"] / 1000 - told.alpha).max() <= 0.00051
-    clearance = np.concatenate([place.clearance(_paths(run)) for run in all_runs])
+    clearance = np.concatenate([place.ground.clearance(_paths(run)) for run in all_runs])
     assert np.abs(made["waypoint_clearance"] / 1000 - clearance).max() <= 0.00051
     assert np.array_equal(made["waypoint_robot"], told.robot)
     monkeypatch.setattr(records, "WAYPOINTS", 10)

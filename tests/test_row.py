@@ -98,7 +98,7 @@ def test_a_gradient_in_the_pose_goes_through_the_twin(rng):
 def mapped(scene: str, robot: int, width: int):
     """A robot's map of a bundled scene after a look around and two steps on its way, and where it goes next."""
     place, config, camera = world.load(scene), Config(image_width=width, fit_steps=10), Camera.from_fov(width)
-    path = place.shortest_path(place.starts[robot], place.goals[robot], 0.2)
+    path = place.ground.shortest_path(place.starts[robot], place.goals[robot], 0.2)
     local = mapping.LocalMap.empty(2, information.n_parameters(2))
     spots = [path[0]] * 4 + [path[len(path) // 4]] * 2
     for k, spot in enumerate(spots):

@@ -11,7 +11,8 @@ import pytest
 
 from mannbv import geometry, world
 from mannbv.camera import Camera
-from mannbv.world import bodies, library, plan
+from mannbv.world import bodies, library
+from mannbv.world.formats import plan
 
 NAMES = ["flat", "openplan", "corridor", "wings"]
 LONGEST = {"flat": 12, "openplan": 12, "corridor": 12, "wings": 18}
@@ -52,21 +53,21 @@ def test_ten_robots_start_and_arrive(worlds, name):
     scene = worlds[name]
     assert scene.starts.shape == (10, 3)
     assert scene.goals.shape == (10, 2)
-    assert scene.clearance(scene.starts).min() >= 0.3
-    assert scene.clearance(scene.goals).min() >= 0.3
-    assert scene.inside(np.concatenate([scene.starts[:, :2], scene.goals])).all()
+    assert scene.ground.clearance(scene.starts).min() >= 0.3
+    assert scene.ground.clearance(scene.goals).min() >= 0.3
+    assert scene.ground.inside(np.concatenate([scene.starts[:, :2], scene.goals])).all()
     gaps = [math.dist(a[:2], b[:2]) for a, b in itertools.combinations(scene.starts, 2)]
     assert min(gaps) >= 0.5
     scene.check_team(10, radius=ROBOT)
     for start, goal in zip(scene.starts, scene.goals, strict=True):
-        assert 4 <= length(scene.shortest_path(start, goal, 0.1)) <= LONGEST[name]
+        assert 4 <= length(scene.ground.shortest_path(start, goal, 0.1)) <= LONGEST[name]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_routes_meet(worlds, name):
     """Every robot's way comes within a metre of the ways of at least three others."""
     scene = worlds[name]
-    paths = [scene.shortest_path(s, g, 0.1)[::4] for s, g in zip(scene.starts, scene.goals, strict=True)]
+    paths = [scene.ground.shortest_path(s, g, 0.1)[::4] for s, g in zip(scene.starts, scene.goals, strict=True)]
     near = [[np.linalg.norm(a[:, None] - b[None], axis=-1).min() < 1.0 for b in paths if b is not a] for a in paths]
     assert min(sum(row) for row in near) >= 3
 
@@ -74,9 +75,9 @@ def test_routes_meet(worlds, name):
 @pytest.mark.parametrize("name", NAMES)
 def test_every_room_can_be_entered(worlds, plans, name):
     scene = worlds[name]
-    lattice, _ = scene.free_grid(0.05, ROBOT)
-    reached = scene.reachable_free(0.05, ROBOT, scene.starts[0])
-    room = scene.rooms.which(lattice.centers().reshape(-1, 2)).reshape(lattice.shape)
+    lattice, _ = scene.ground.free_grid(0.05, ROBOT)
+    reached = scene.ground.reachable_free(0.05, ROBOT, scene.starts[0])
+    room = scene.ground.rooms.which(lattice.centers().reshape(-1, 2)).reshape(lattice.shape)
     for k, one in enumerate(plans[name].rooms):
         assert (reached & (room == k)).sum() * 0.05**2 > 0.5, one.name
 
@@ -91,7 +92,7 @@ def test_doors_are_wide_and_nothing_stands_in_them(worlds, name):
         middle, half = np.array(door["at"]), door["width"] / 2 - 0.05
         u, v = np.meshgrid(np.linspace(-half, half, 15), np.linspace(-0.5, 0.5, 21))
         free = [
-            ~scene.solid(middle + np.stack(pair, -1).reshape(-1, 2)).any() for pair in ((u, v), (v, u))
+            ~scene.ground.solid(middle + np.stack(pair, -1).reshape(-1, 2)).any() for pair in ((u, v), (v, u))
         ]  # one way or the other
         assert any(free), door
 
@@ -130,9 +131,9 @@ def test_buildings_are_closed_and_their_views_rich(worlds, plans, name):
 def test_an_unclosed_building_would_be_noticed(worlds):
     """The check above sees a hole: without its outer walls' pieces, sight lines leave the flat."""
     scene = worlds["flat"]
-    keep = np.abs(scene.segments[:, [0, 2]].mean(1) - scene.lower[0]) > 0.2
-    parts = {key: getattr(scene, key)[keep] for key in ("segments", "colors", "textures")}
-    opened = dataclasses.replace(scene, **parts)
+    walls = scene.seen
+    keep = np.abs(walls.ends[:, [0, 2]].mean(1) - walls.lower[0]) > 0.2
+    opened = dataclasses.replace(scene, seen=world.Segments(walls.ends[keep], walls.colors[keep], walls.textures[keep]))
     frame = opened.sense(Camera.from_fov(64), geometry.yaw_pose(scene.starts[2, :2], math.pi), max_depth=100.0)
     assert (frame.depth == 0).any()
 

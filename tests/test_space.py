@@ -26,16 +26,16 @@ def pose(x, y, z, yaw):
 
 def test_a_plan_is_one_building_in_two_dimensions(flat):
     plane = world.load("flat")
-    assert flat.dim == 3 and flat.name == plane.name and flat.area == plane.area
+    assert flat.dim == 3 and flat.name == plane.name and flat.ground.area == plane.ground.area
     assert_allclose(np.delete(flat.starts, 2, 1), plane.starts)
     assert_allclose(flat.goals[:, :2], plane.goals)
     assert_allclose([*flat.starts[:, 2], *flat.goals[:, 2]], Config().camera_height)
-    points = np.random.default_rng(0).uniform(plane.lower, plane.upper, (50, 2))
+    points = np.random.default_rng(0).uniform(plane.seen.lower, plane.seen.upper, (50, 2))
     raised = np.column_stack([points, np.full(50, 0.7)])
     for name in ("clearance", "solid", "inside"):
-        assert_allclose(getattr(flat, name)(raised), getattr(plane, name)(points))
-    way = flat.shortest_path(flat.starts[0, :3], flat.goals[0], 0.1)
-    assert_allclose(way[:, :2], plane.shortest_path(plane.starts[0], plane.goals[0], 0.1))
+        assert_allclose(getattr(flat.ground, name)(raised), getattr(plane.ground, name)(points))
+    way = flat.ground.shortest_path(flat.starts[0, :3], flat.goals[0], 0.1)
+    assert_allclose(way[:, :2], plane.ground.shortest_path(plane.starts[0], plane.goals[0], 0.1))
     assert_allclose(way[:, 2], flat.starts[0, 2])
 
 
@@ -43,20 +43,20 @@ def test_depth_is_along_the_axis_and_ends_at_the_sensors_range(flat):
     camera, here = Camera.from_fov(31, 21), pose(2.0, 4.1, 1.25, 0.4)
     frame = flat.sense(camera, here, max_depth=2.0)
     rays = (camera.rays(here.position) @ here.rotation.T).numpy()
-    depth, _ = flat.surfaces.cast(np.broadcast_to(here.position.numpy(), rays.shape), rays)
+    depth, _ = flat.seen.cast(np.broadcast_to(here.position.numpy(), rays.shape), rays)
     expected = np.where(depth <= 2.0, depth, 0.0).reshape(21, 31)
     assert (expected == 0).any() and (expected > 0).any()
     assert_allclose(frame.depth, expected, rtol=1e-6)
     ahead = float(frame.depth[10, 15])
     spot = here.position.numpy() + ahead * here.rotation[:, 2].numpy()
-    assert flat.clearance(spot[None])[0] < 1e-5  # what stands ahead in 3-D stands there on the plan
+    assert flat.ground.clearance(spot[None])[0] < 1e-5  # what stands ahead in 3-D stands there on the plan
 
 
 def test_noise_needs_a_generator_and_has_the_asked_spread(flat):
     camera, here = Camera.from_fov(48, 48), pose(2.0, 4.1, 1.25, 0.4)
     with pytest.raises(ValueError, match="generator"):
         flat.sense(camera, here, depth_noise=0.1)
-    with pytest.raises(ValueError, match="is in space"):
+    with pytest.raises(ValueError, match="flat has 3 dimensions, but the camera 2 and the pose 3"):
         flat.sense(Camera.from_fov(48), here)
     true = flat.sense(camera, here)
     noisy = flat.sense(camera, here, depth_noise=0.05, rng=np.random.default_rng(1))
@@ -145,10 +145,10 @@ def test_splats_block_only_what_no_depth_has_shown():
 
 def test_looks_around_a_room_agree_with_its_plan(flat):
     """Cells that many looks from many places call occupied hold a surface of the plan, free ones none."""
-    ground, camera = Occupancy.unknown(flat.lattice(0.05)), Camera.from_fov(64, 64)
+    ground, camera = Occupancy.unknown(flat.ground.lattice(0.05)), Camera.from_fov(64, 64)
     rng = np.random.default_rng(5)
-    _, free = flat.free_grid(0.05, 0.2)
-    spots = flat.lattice(0.05).centers(rng.permutation(np.argwhere(free))[:40])
+    _, free = flat.ground.free_grid(0.05, 0.2)
+    spots = flat.ground.lattice(0.05).centers(rng.permutation(np.argwhere(free))[:40])
     for x, y in spots:
         for yaw in np.arange(8) * math.pi / 4:
             here = pose(x, y, 1.25, yaw)
@@ -158,8 +158,8 @@ def test_looks_around_a_room_agree_with_its_plan(flat):
             ground = ground.carved_around(
                 here.position.numpy(), here.position.numpy() + depth * rays, depth[:, 0] > 0, LOW, HIGH
             )
-    clear = flat.clearance(ground.lattice.centers().reshape(-1, 2)).reshape(ground.lattice.shape)
-    inside = flat.inside(ground.lattice.centers().reshape(-1, 2)).reshape(ground.lattice.shape)
+    clear = flat.ground.clearance(ground.lattice.centers().reshape(-1, 2)).reshape(ground.lattice.shape)
+    inside = flat.ground.inside(ground.lattice.centers().reshape(-1, 2)).reshape(ground.lattice.shape)
     half = 0.05 * math.sqrt(0.5)
     occupied, open_ = (ground.state == OCCUPIED) & inside, ground.state == FREE
     assert occupied.sum() > 300 and open_.sum() > 5000

@@ -68,7 +68,7 @@ def test_an_image_stands_upright_and_not_mirrored():
     # texel centres: a quarter of the side from the edges; y to the right in the image, z upwards
     spots = np.array([[2, -0.5, 0.5], [2, 0.5, 0.5], [2, -0.5, -0.5], [2, 0.5, -0.5]])
     depth, faces = surfaces.cast(np.zeros((4, 3)), spots)
-    seen = surfaces.seen(np.zeros(3), spots, faces, spread=1e-6)
+    seen = surfaces.shaded(np.zeros(3), spots, faces, spread=1e-6)
     assert_allclose(depth, 1.0)
     assert_allclose(seen, [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], atol=1e-6)
 
@@ -81,7 +81,7 @@ def test_between_texels_colours_are_mixed_and_times_the_corners():
     shares = np.array([0.0, 0.25, 0.5, 1.0])
     spots = np.column_stack([np.full(4, 2.0), shares - 0.5, np.full(4, 0.3)])
     _, faces = surfaces.cast(np.zeros((4, 3)), spots)
-    seen = surfaces.seen(np.zeros(3), spots, faces, 1e-6)
+    seen = surfaces.shaded(np.zeros(3), spots, faces, 1e-6)
     assert_allclose(seen, 0.5 * shares[:, None] * np.array([200, 100, 50]) / 255, atol=1e-6)
 
 
@@ -93,8 +93,8 @@ def test_detail_finer_than_a_pixel_is_averaged(repeat):
     rng = np.random.default_rng(1)
     spots = np.column_stack([np.full(200, 2.0), rng.uniform(-0.9, 0.9, (200, 2))])
     _, faces = surfaces.cast(np.zeros((200, 3)), spots)
-    coarse = surfaces.seen(np.zeros(3), spots, faces, spread=0.5)  # a pixel of 1 m on an image of 2 m
-    fine = surfaces.seen(np.zeros(3), spots, faces, spread=1e-5)
+    coarse = surfaces.shaded(np.zeros(3), spots, faces, spread=0.5)  # a pixel of 1 m on an image of 2 m
+    fine = surfaces.shaded(np.zeros(3), spots, faces, spread=1e-5)
     assert_allclose(coarse, 100 / 255, atol=2 / 255)
     assert fine.std() > 0.1
 
@@ -105,7 +105,7 @@ def test_an_image_repeats_where_its_places_go_beyond_it_and_else_ends_at_its_edg
     for repeat, expected in ((1.0, 1.0), (2.0, 0.5)):
         surfaces = pictured(image, repeat=repeat)
         _, faces = surfaces.cast(np.zeros((1, 3)), edge)
-        assert_allclose(surfaces.seen(np.zeros(3), edge, faces, 1e-9), expected, atol=0.01)
+        assert_allclose(surfaces.shaded(np.zeros(3), edge, faces, 1e-9), expected, atol=0.01)
 
 
 def test_half_size_copies_keep_the_mean():

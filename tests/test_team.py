@@ -88,7 +88,7 @@ def test_centralized_robots_hold_the_union_of_all_maps_and_grids(crew, place):
         belief = robot.belief()
         assert sorted(map(tuple, belief.splats.means.tolist())) == everyone
         seen = np.stack([r.ground.state != grid.UNKNOWN for r in crew]).any(0)
-        centers = place.lattice(SMALL.cell).centers().reshape(-1, 2)
+        centers = place.ground.lattice(SMALL.cell).centers().reshape(-1, 2)
         known = belief.occupancy.lattice.at(belief.occupancy.state, centers, grid.UNKNOWN) != grid.UNKNOWN
         assert (known == seen.ravel()).all()
     smaller = crew[0].local.splats.select(torch.arange(5))
@@ -123,13 +123,14 @@ def test_plans_reach_everyone_over_any_connected_graph_and_only_over_its_links(c
 def synthetic(index: int, n: int, place, plans) -> team.Robot:
     """A robot with a made-up map of n splats over the whole flat."""
     rng = np.random.default_rng(index)
-    centre, half = (place.lower + place.upper) / 2, (place.upper - place.lower) / 2
+    lower, upper = place.seen.lower, place.seen.upper
+    centre, half = (lower + upper) / 2, (upper - lower) / 2
     splats = random_map(rng, n, 2, torch.float32, reach=1.0)
     splats = dataclasses.replace(splats, means=splats.means * torch.tensor(half) + torch.tensor(centre)).to(
         torch.float32
     )
     local = LocalMap(splats, torch.arange(n), torch.ones(n, 9), (), n)
-    ground = grid.Occupancy(place.lattice(0.05), np.full(place.lattice(0.05).shape, -1.0, np.float32))
+    ground = grid.Occupancy(place.ground.lattice(0.05), np.full(place.ground.lattice(0.05).shape, -1.0, np.float32))
     return team.Robot(
         index, plans[index].position, 0.0, place.goals[index], local, ground, team.Guests.none(2),
         plans[index].position[None], plans={index: plans[index]},
@@ -138,7 +139,7 @@ def synthetic(index: int, n: int, place, plans) -> team.Robot:
 
 def test_a_distributed_cycle_weighs_the_same_for_maps_of_100_and_10000_splats(place):
     config = SMALL.replace(codec="binary", tolerance=0.0)
-    paths = [place.shortest_path(place.starts[k], place.goals[k], 0.2)[:40:5] for k in range(3)]
+    paths = [place.ground.shortest_path(place.starts[k], place.goals[k], 0.2)[:40:5] for k in range(3)]
     plans = [messages.Plan(k, 0, path[3], 0.3 * k, path) for k, path in enumerate(paths)]
 
     def weigh(strategy: str, n: int) -> dict[str, int]:
@@ -186,7 +187,7 @@ def test_moving_ends_at_the_viewpoint_with_the_chosen_yaw_and_keeps_clear_of_wal
         assert np.linalg.norm(moved.position - viewpoint) <= SMALL.step
         assert abs(math.remainder(moved.yaw - 1.0, 2 * math.pi)) <= SMALL.turn / 2 + 1e-9
         assert moved.collisions == 0
-        assert place.clearance(moved.trail).min() >= SMALL.robot_radius
+        assert place.ground.clearance(moved.trail).min() >= SMALL.robot_radius
         steps = np.linalg.norm(np.diff(moved.trail, axis=0), axis=1)
         assert np.allclose(steps, SMALL.step)
         assert moved.frames[-1].pose.yaw == pytest.approx(moved.yaw)
@@ -200,7 +201,7 @@ def test_the_first_look_around_sees_free_ground_all_about(place):
     assert (lattice.at(robot.ground.state, around, grid.UNKNOWN) == grid.FREE).all()
     assert len(robot.frames) == 4
     hits = lattice.centers(np.argwhere(robot.ground.state == grid.OCCUPIED))
-    assert place.clearance(hits).max() <= 0.05  # every occupied cell touches a true surface
+    assert place.ground.clearance(hits).max() <= 0.05  # every occupied cell touches a true surface
 
 
 def test_a_users_strategy_solver_and_measure_run_by_name():

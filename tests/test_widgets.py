@@ -13,7 +13,7 @@ from helpers import random_map
 from mannbv import grid
 from mannbv.course import widgets
 from mannbv.course.widgets import Explorer, items
-from mannbv.course.widgets.settings import Choice, Place, Range, Switch, Turn
+from mannbv.course.widgets.settings import Choice, Point, Range, Switch, Turn
 
 ROOT = Path(__file__).parent.parent
 EXPLORERS = [name for name in widgets.__all__ if name != "Explorer"]
@@ -127,7 +127,7 @@ SETTINGS = {
     "number": Range("number [1]", -2.0, 4.0, 1.0, 0.5),
     "open_": Switch("open"),
     "kind": Choice("kind", {"one": 1, "two": 2}, 1),
-    "place": Place((1.0, 0.0), (-2, -2), (2, 2)),
+    "place": Point((1.0, 0.0), (-2, -2), (2, 2)),
     "turn": Turn(0.0, "place"),
 }
 

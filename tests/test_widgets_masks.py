@@ -58,8 +58,8 @@ def driven(free, sources) -> np.ndarray:
 def weights_over_the_floor(means, path, gamma2):
     """Least and largest weight that Eq. (13) allows: a splat in a wall may be as near to several free cells."""
     flat = world.load("flat")
-    lattice, free = flat.free_grid(0.05, 0.0)
-    points = flat.surface_points(0.1)  # the canvas has them in float32, and some lie where two cells meet
+    lattice, free = flat.ground.free_grid(0.05, 0.0)
+    points = flat.seen.sampled(0.1)  # the canvas has them in float32, and some lie where two cells meet
     means = points[np.linalg.norm(points[:, None] - means, axis=-1).argmin(0)]
     path = np.concatenate([path[:-1], [GOAL]])  # all else are centres of cells
     along = driven(free, np.unique(lattice.index(path), axis=0))
@@ -76,7 +76,7 @@ def test_zone_and_curves_are_those_of_the_equations(changed):
     path, alpha, radius, others, some, _, _, _, says = shown(**changed)
     setting = {"r_min": 0.5, "beta1": 1.0, "beta2": 2.0} | changed
     splats = np.concatenate([others, some])
-    assert len(splats) == len(world.load("flat").surface_points(0.1))
+    assert len(splats) == len(world.load("flat").seen.sampled(0.1))
     worst = STD * stats.norm.pdf(stats.norm.ppf(LEVEL)) / LEVEL  # mean of a normal's lower tail
     away = np.linalg.norm(splats[:, None] - path, axis=-1)
     np.testing.assert_allclose(alpha[:, 1], away.min(0) - worst, atol=1e-5)
@@ -131,10 +131,10 @@ def test_a_wider_mask_loses_no_splat():
 def test_an_end_where_no_robot_fits_is_taken_to_the_nearest_place_that_can_be_reached(goal):
     path, *_ = shown(goal=goal)
     flat = world.load("flat")
-    reachable = flat.reachable_free(0.05, 0.2, flat.starts[0])
-    centers = flat.lattice(0.05).centers(np.argwhere(reachable))
-    assert flat.clearance(path[1:]).min() > 0.2 - 1e-4
+    reachable = flat.ground.reachable_free(0.05, 0.2, flat.starts[0])
+    centers = flat.ground.lattice(0.05).centers(np.argwhere(reachable))
+    assert flat.ground.clearance(path[1:]).min() > 0.2 - 1e-4
     assert np.linalg.norm(path[-1] - goal) < np.linalg.norm(centers - goal, axis=1).min() + 0.05
-    straight, shortest = np.linalg.norm(path[-1] - START), flat.shortest_path(START, path[-1], 0.2)
+    straight, shortest = np.linalg.norm(path[-1] - START), flat.ground.shortest_path(START, path[-1], 0.2)
     length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
     assert straight <= length <= np.linalg.norm(np.diff(shortest, axis=0), axis=1).sum() + 0.1

@@ -31,7 +31,7 @@ def shown(**changed):
 
 def alpha_at(points, known) -> np.ndarray:
     """Eqs. (8), (9) by brute force, on what this map should hold."""
-    splats = world.load("flat").surface_points(0.1)
+    splats = world.load("flat").seen.sampled(0.1)
     std = np.where((known == VAGUE) & (np.linalg.norm(splats - (6.2, 3.5), axis=1) < 1), 0.3, 0.05)
     seen = (splats[:, 0] < 5) | (known != UNSEEN)
     worst = stats.norm.pdf(stats.norm.ppf(LEVEL)) / LEVEL
@@ -41,7 +41,7 @@ def alpha_at(points, known) -> np.ndarray:
 
 def open_cells() -> tuple:
     """The cells where a disc of 0.1 m keeps 0.1 m and half a cell from whatever is not free."""
-    lattice, free = world.load("flat").free_grid(CELL, 0.0)
+    lattice, free = world.load("flat").ground.free_grid(CELL, 0.0)
     solid = spatial.cKDTree(lattice.centers(np.argwhere(~free)))
     distance, _ = solid.query(lattice.centers().reshape(-1, 2))
     cells = (distance >= 0.25).reshape(lattice.shape)  # lies between two distances of cells
@@ -88,7 +88,7 @@ def test_the_numbers_are_those_of_the_ways_drawn(known):
     panels, says, plain, way = shown(known=known)
     true, own = (points_of(item)[0] for item in panels[2]["items"][-2:])
     length, alpha = np.linalg.norm(np.diff(way, axis=0), axis=1).sum(), alpha_at(way, known)
-    clearance = world.load("flat").clearance(way)
+    clearance = world.load("flat").ground.clearance(way)
     assert own == pytest.approx([length, alpha.mean()], abs=1e-3)
     assert true == pytest.approx([length, clearance.mean()], abs=5e-3)  # sampled every 2 cm, without spread
     expected = (
@@ -113,7 +113,7 @@ def test_the_present_weight_lies_on_the_trade_off(known):
 
 def test_the_map_is_coloured_by_its_risk():
     for known in MAPS:
-        image, lattice = shown(known=known)[0][0]["items"][0], world.load("flat").free_grid(CELL, 0.0)[0]
+        image, lattice = shown(known=known)[0][0]["items"][0], world.load("flat").ground.free_grid(CELL, 0.0)[0]
         pixels = np.frombuffer(image["rgba"], np.uint8).reshape(*image["shape"], 4)[::-1]
         spots = np.array([(2.6, 0.8), (5.05, 1.35), (6.25, 3.55), (8.7, 6.7), (6.75, 5.05)])
         index = lattice.index(spots)

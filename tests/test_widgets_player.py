@@ -104,7 +104,7 @@ def test_the_probe_reads_the_robots_map_and_the_true_distance(kept, place):
     _, says = shown(widgets.player(kept), cycle=2.0, robot=0, probe=place)
     alpha, clear = (float(number) for number in re.search(r"probe: α (\S+) m, true distance (\S+) m", says).groups())
     assert alpha == pytest.approx(brute_force(kept[2].robots[0].belief().splats, place), abs=0.006)
-    surfaces = world.load("flat").surface_points(0.005)
+    surfaces = world.load("flat").seen.sampled(0.005)
     assert clear == pytest.approx(np.linalg.norm(surfaces - place, axis=1).min(), abs=0.012)
 
 

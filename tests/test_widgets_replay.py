@@ -176,7 +176,7 @@ def test_the_true_plan_takes_the_place_of_the_ground(kept, reel, place):
     (plan, *_), _ = shown(explorer, layer="true plan")
     lines = [item for item in plan["items"] if item["kind"] == "line"]
     assert not [item for item in plan["items"] if item["kind"] == "image"]
-    assert len(lines) > len(world.load("flat").segments)
+    assert len(lines) > len(world.load("flat").seen.ends)
 
 
 def test_a_robot_at_its_goal_looks_nowhere_next(kept, reel, place):

@@ -125,8 +125,8 @@ def test_without_a_map_it_walks_through_the_flat():
     home = flat_with_a_height()
     flat = world.load("flat")
     on_floor = home.means[:, 2] == 0
-    assert (flat.clearance(home.means[~on_floor].numpy()) < 0.03).all()  # what is not floor stands on a wall
-    assert (flat.clearance(home.means[on_floor].numpy()) > 0).all()
+    assert (flat.ground.clearance(home.means[~on_floor].numpy()) < 0.03).all()  # what is not floor stands on a wall
+    assert (flat.ground.clearance(home.means[on_floor].numpy()) > 0).all()
     assert home.means[:, 2].max() < 2.4 and home.n_splats > 40_000
     explorer = widgets.walk()
     depth = flat.sense(

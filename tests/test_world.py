@@ -13,7 +13,8 @@ from PIL import Image
 from mannbv import geometry, grid, world
 from mannbv.camera import Camera
 from mannbv.kernels.flat import rays
-from mannbv.world import bodies, cells, faces, plan, rosmap
+from mannbv.world import bodies, cells, faces
+from mannbv.world.formats import plan, rosmap
 
 CAMERA = Camera.from_fov(64)
 MAPS = Path(__file__).resolve().parents[2] / "shared" / "scenes" / "maps"
@@ -82,18 +83,10 @@ def bare_world(segments, kind="plain", period=1.0, contrast=0.0) -> world.World:
     """Segments that stand in the middle of nowhere."""
     n = len(segments)
     texture = [float(world.TEXTURES[kind]), period, contrast, 0.0]
+    walls = world.Segments(np.asarray(segments, float), np.full((n, 3), 0.5), np.tile(texture, (n, 1)))
     everywhere = bodies.Polygons((np.array([[-99.0, -99], [99, -99], [99, 99], [-99, 99]]),))
-    return world.World(
-        name="bare",
-        description="",
-        segments=np.asarray(segments, float),
-        colors=np.full((n, 3), 0.5),
-        textures=np.tile(texture, (n, 1)),
-        starts=np.zeros((0, 3)),
-        goals=np.zeros((0, 2)),
-        solids=bodies.Polygons(()),
-        rooms=everywhere,
-    )
+    ground = world.Ground(walls, solids=bodies.Polygons(()), rooms=everywhere)
+    return world.World("bare", "", walls, ground, np.zeros((0, 3)), np.zeros((0, 2)))
 
 
 # --- sensing ---
@@ -187,7 +180,7 @@ def test_noise_comes_from_the_generator_alone(load):
     assert float(relative.std()) == pytest.approx(0.02, rel=0.03)
     with pytest.raises(ValueError, match="rng"):
         room.sense(CAMERA, pose, depth_noise=0.02)
-    with pytest.raises(ValueError, match="flatland"):
+    with pytest.raises(ValueError, match="a camera of flatland has no height"):
         room.sense(Camera.from_fov(8, 8), pose)
 
 
@@ -197,7 +190,9 @@ def test_noise_comes_from_the_generator_alone(load):
 def test_clearance_equals_brute_force(rng):
     for segments in (rng.uniform(-3, 3, (50, 4)), np.array([[0.0, 0.0, 0.0, 7.0]])):
         points = rng.uniform(-8, 8, (500, 2))
-        np.testing.assert_allclose(bare_world(segments).clearance(points), brute_distance(points, segments), atol=1e-12)
+        np.testing.assert_allclose(
+            bare_world(segments).ground.clearance(points), brute_distance(points, segments), atol=1e-12
+        )
 
 
 def test_solid_inside_and_clearance_of_a_furnished_room(load):
@@ -206,18 +201,18 @@ def test_solid_inside_and_clearance_of_a_furnished_room(load):
     lamp = {**rug, "name": "lamp", "elevation": 1.5, "height": 0.5}
     room = load(box_plan(furniture=[{**box, "color": [1, 0, 0]}, rug, lamp]))
     points = np.array([[2.0, 1.9], [2.4, 1.5], [1.0, 1.0], [-0.05, 1.0], [9.0, 9.0]])
-    assert room.solid(points).tolist() == [True, False, False, True, False]  # turned: long along y
-    assert room.inside(points).tolist() == [True, True, True, True, False]
-    np.testing.assert_allclose(room.clearance(points)[:4], [0, 0.15, 0.75, 0], atol=1e-9)
-    assert room.area == pytest.approx(4.2 * 3.2)
-    np.testing.assert_allclose([*room.lower, *room.upper], [0, 0, 4, 3], atol=1e-9)
+    assert room.ground.solid(points).tolist() == [True, False, False, True, False]  # turned: long along y
+    assert room.ground.inside(points).tolist() == [True, True, True, True, False]
+    np.testing.assert_allclose(room.ground.clearance(points)[:4], [0, 0.15, 0.75, 0], atol=1e-9)
+    assert room.ground.area == pytest.approx(4.2 * 3.2)
+    np.testing.assert_allclose([*room.seen.lower, *room.seen.upper], [0, 0, 4, 3], atol=1e-9)
 
 
 def test_surface_points_cover_the_walls_and_nothing_hidden(load):
     block = {"name": "b", "box": {"center": [0.5, 0.25], "size": [1.0, 0.5]}, "height": 1, "color": [1, 0, 0]}
     room = load(box_plan(furniture=[block]))  # stands in a corner: two of its sides lie on walls
-    points = room.surface_points(0.01)
-    assert brute_distance(points, room.segments).max() < 1e-12
+    points = room.seen.sampled(0.01)
+    assert brute_distance(points, room.seen.ends).max() < 1e-12
     assert len(points) == pytest.approx(14 / 0.01, abs=20)  # 4 + 3 + 4 + 3, what is hidden is what is added
     assert not ((points[:, 0] < 0.999) & (points[:, 1] < 0.499)).any()
 
@@ -257,11 +252,11 @@ def test_visible_faces_are_the_outline_of_the_union():
 
 def test_free_cells_and_shortest_paths(load):
     room = load(box_plan())
-    lattice, free = room.free_grid(0.05, 0.25)
+    lattice, free = room.ground.free_grid(0.05, 0.25)
     centers = lattice.centers()
     inside = (np.abs(centers[..., 0] - 2) <= 1.75 + 1e-9) & (np.abs(centers[..., 1] - 1.5) <= 1.25 + 1e-9)
     assert (free == inside).all()
-    path = room.shortest_path([1.0, 1.0], [3.0, 2.0], 0.25)
+    path = room.ground.shortest_path([1.0, 1.0], [3.0, 2.0], 0.25)
     length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
     assert path[0].tolist() == [1, 1]
     assert path[-1].tolist() == [3, 2]
@@ -270,13 +265,13 @@ def test_free_cells_and_shortest_paths(load):
     divided["walls"].append({"from": [2, 0], "to": [2, 3], "thickness": 0.1})
     divided["doors"] = [{"at": [2.0, 1.5], "width": 0.9, "height": 2.0}]
     two = load(divided)
-    assert two.reachable_free(0.05, 0.25, [1.0, 1.0]).sum() == two.free_grid(0.05, 0.25)[1].sum()
-    with pytest.raises(ValueError, match=r"box: no way .* from \(1\.00, 1\.00\) to \(3\.00, 2\.00\)"):
-        two.shortest_path([1.0, 1.0], [3.0, 2.0], 0.5)
-    reached = two.reachable_free(0.05, 0.5, [1.0, 1.0])
-    assert 0 < reached.sum() < two.free_grid(0.05, 0.5)[1].sum()
+    assert two.ground.reachable_free(0.05, 0.25, [1.0, 1.0]).sum() == two.ground.free_grid(0.05, 0.25)[1].sum()
+    with pytest.raises(ValueError, match=r"^no way .* from \(1\.00, 1\.00\) to \(3\.00, 2\.00\)"):
+        two.ground.shortest_path([1.0, 1.0], [3.0, 2.0], 0.5)
+    reached = two.ground.reachable_free(0.05, 0.5, [1.0, 1.0])
+    assert 0 < reached.sum() < two.ground.free_grid(0.05, 0.5)[1].sum()
     with pytest.raises(ValueError, match="no place for a robot"):
-        room.shortest_path([1.0, 1.0], [9.0, 2.0], 0.1)
+        room.ground.shortest_path([1.0, 1.0], [9.0, 2.0], 0.1)
 
 
 @pytest.mark.parametrize(
@@ -417,12 +412,12 @@ def test_a_map_becomes_walls_where_its_cells_say(tmp_path):
     cells = np.argwhere(np.ones_like(STATE))
     centers = (cells + 0.5) * 0.1 + [1.0, 2.0]
     free = STATE[tuple(cells.T)] == grid.FREE
-    assert (scene.solid(centers) == ~free).all()
-    assert (scene.inside(centers) == free).all()
-    assert scene.solid([[0.0, 0.0]]).all()
+    assert (scene.ground.solid(centers) == ~free).all()
+    assert (scene.ground.inside(centers) == free).all()
+    assert scene.ground.solid([[0.0, 0.0]]).all()
     # the room's outline with the unknown corner, and the block's: twelve straight walls in all
-    assert len(scene.segments) == 6 + 4
-    lengths = np.abs(scene.segments[:, 2:] - scene.segments[:, :2]).sum(1)
+    assert len(scene.seen.ends) == 6 + 4
+    lengths = np.abs(scene.seen.ends[:, 2:] - scene.seen.ends[:, :2]).sum(1)
     assert lengths.sum() == pytest.approx(2 * (5.8 + 3.8) + 2 * (1.0 + 0.4))
     scene.check_team(len(scene.starts))
 
@@ -432,8 +427,8 @@ def test_a_rotated_origin_turns_the_cells_about_it(tmp_path, yaw):
     scene = world.load(ros_map(tmp_path, origin=f"[1.0, 2.0, {yaw}]"))
     u, v = 25.5 * 0.1, (40 - 12 + 0.5) * 0.1  # middle of a block cell, in the map's frame
     x, y = 1 + math.cos(yaw) * u - math.sin(yaw) * v, 2 + math.sin(yaw) * u + math.cos(yaw) * v
-    assert scene.solid([[x, y]]).all()
-    assert scene.inside(
+    assert scene.ground.solid([[x, y]]).all()
+    assert scene.ground.inside(
         [[1 + math.cos(yaw) * 1.5 - math.sin(yaw) * 1.5, 2 + math.sin(yaw) * 1.5 + math.cos(yaw) * 1.5]]
     )
     # straight at the block's lower side from 1 m below, in the map's frame: bearing yaw + 90°
@@ -542,8 +537,8 @@ def test_starts_and_goals_of_a_map_are_fixed_clear_and_apart(tmp_path):
     assert np.array_equal(scene.starts, again.starts)
     assert np.array_equal(scene.goals, again.goals)
     assert len(scene.starts) == len(scene.goals) == 10
-    assert scene.clearance(scene.starts).min() >= 0.3
-    assert scene.clearance(scene.goals).min() >= 0.3
+    assert scene.ground.clearance(scene.starts).min() >= 0.3
+    assert scene.ground.clearance(scene.goals).min() >= 0.3
     for places in (scene.starts[:, :2], scene.goals):
         gaps = np.linalg.norm(places[:, None] - places[None], axis=-1) + 9 * np.eye(10)
         assert gaps.min() >= 0.5
@@ -556,18 +551,18 @@ def test_starts_and_goals_of_a_map_are_fixed_clear_and_apart(tmp_path):
 )
 def test_real_maps(name, area, rng):
     scene = world.load(MAPS / f"{name}.yaml")
-    assert scene.area == pytest.approx(area, abs=0.1)
+    assert scene.ground.area == pytest.approx(area, abs=0.1)
     assert len(scene.starts) == 10
-    assert len(scene.segments) < 20_000
+    assert len(scene.seen.ends) < 20_000
     for start, goal in zip(scene.starts, scene.goals, strict=True):
-        path = scene.shortest_path(start, goal, 0.1, cell=0.1)
+        path = scene.ground.shortest_path(start, goal, 0.1, cell=0.1)
         assert 5 < np.linalg.norm(np.diff(path, axis=0), axis=1).sum() < 16
         pose = geometry.yaw_pose(start[:2], float(rng.uniform(-3, 3)))
-        expected = brute_depth(scene.segments, CAMERA, pose)
+        expected = brute_depth(scene.seen.ends, CAMERA, pose)
         assert np.isfinite(expected).all()  # every sight line ends
         np.testing.assert_allclose(scene.sense(CAMERA, pose, max_depth=1e3).depth.numpy(), expected, rtol=1e-5)
     points = scene.starts[:, :2] + rng.normal(0, 0.1, (10, 2))
-    np.testing.assert_allclose(scene.clearance(points), brute_distance(points, scene.segments), atol=1e-9)
+    np.testing.assert_allclose(scene.ground.clearance(points), brute_distance(points, scene.seen.ends), atol=1e-9)
 
 
 # --- what is wrong with a file ---
@@ -679,11 +674,11 @@ def test_a_scene_that_does_not_exist_is_named(tmp_path):
     ]:
         with pytest.raises(world.SceneError, match=message):
             world.load(scene)
-    with pytest.raises(world.SceneError, match="rows of 3 finite numbers"):
+    with pytest.raises(world.SceneError, match="flat: starts must be finite numbers"):
         world.load("flat", starts=[[1.0, math.nan, 0.0]])
     assert world.load("flat", starts=[[2.0, 1.0, 0.0]]).starts.shape == (1, 3)
     with pytest.raises(world.SceneError, match="finite"):
-        dataclasses.replace(world.load("flat"), colors=np.full((186, 3), np.nan))
+        dataclasses.replace(world.load("flat").seen, colors=np.full((186, 3), np.nan))
 
 
 def test_noise_is_the_same_on_every_machine():

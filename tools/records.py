@@ -30,7 +30,7 @@ from mannbv.camera import Camera
 from mannbv.config import PRESETS
 from mannbv.course.widgets.recording import Recording, lean
 from mannbv.lab import study
-from mannbv.world import Place, SceneError
+from mannbv.world import SceneError, World
 
 RECORDS = Path(__file__).resolve().parent.parent / "notebooks" / "records"
 SCENE, STRATEGY = "flat", "distributed"
@@ -101,7 +101,7 @@ def _forecasts(name: str, found: study.Forecasts) -> dict[str, np.ndarray]:
     return {f"{name}_{key}": np.round(value)[..., every].astype(np.int16) for key, value in columns.items()}
 
 
-def _haze(records: Iterable[episode.Record], place: Place) -> dict[str, np.ndarray]:
+def _haze(records: Iterable[episode.Record], place: World) -> dict[str, np.ndarray]:
     """Scores (3, n) of views at the ends and the middle of trajectories, by `metrics.view_quality`, from three maps:
     the robot's own; with it all splats of its teammates; with it those of them that `share_scale` lets pass."""
     psnr, depth, robots = [], [], []

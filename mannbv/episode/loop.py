@@ -45,7 +45,7 @@ def run(
     seed, n_robots = int(seed), int(n_robots)
     if config.prior not in PRIORS:
         raise ValueError(f"episode: no prior is called '{config.prior}'; choose one of {', '.join(PRIORS)}")
-    place = scene if hasattr(scene, "sense") else world.load(scene)
+    place = scene if isinstance(scene, world.World) else world.load(scene)
     place = draw_team(place, n_robots, seed, config)
     camera = Camera.of_dim(place.dim, config.image_width, config.image_height, config.fov)
     mission = Mission(place, camera, config, network.build(config.network, n_robots), strategy, seed)
@@ -112,8 +112,8 @@ def score(record: Record, mission: Mission) -> list[dict]:
     for robot in record.robots:
         belief = robot.belief(config)
         start, reached = robot.trail[0], robot.status == "reached"
-        shortest = place.shortest_path(start, robot.goal, config.robot_radius, config.cell)
-        reachable = place.reachable_free(config.cell, config.robot_radius, start)
+        shortest = place.ground.shortest_path(start, robot.goal, config.robot_radius, config.cell)
+        reachable = place.ground.reachable_free(config.cell, config.robot_radius, start)
         psnr, mae = metrics.view_quality(belief.splats, place, mission.camera, robot.trail, config)
         row = {"strategy": record.strategy, "seed": record.seed, "robot": robot.index, "reached": reached}
         row["cycles"] = sum(log.status != "reached" for log in record.logs(robot.index))
@@ -122,7 +122,7 @@ def score(record: Record, mission: Mission) -> list[dict]:
         row |= {"psnr_db": psnr, "depth_mae_m": mae}
         row["bytes_sent"] = record.ledger.sent_by(robot.index)
         row["bytes_received"] = record.ledger.received_by(robot.index)
-        row["coverage"] = metrics.coverage(belief.occupancy, reachable, place.lattice(config.cell))
+        row["coverage"] = metrics.coverage(belief.occupancy, reachable, place.ground.lattice(config.cell))
         row["fate"] = "reached" if reached else why_not(robot, config)
         rows.append(row)
     seconds = spent + time.perf_counter() - began

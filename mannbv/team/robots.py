@@ -102,7 +102,7 @@ class Robot:
 class Mission:
     """What stays the same through an episode."""
 
-    world: world.Place
+    world: world.World
     camera: Camera
     config: Config
     network: nx.Graph

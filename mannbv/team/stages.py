@@ -50,7 +50,7 @@ def plan(robot: Robot, mission: Mission, cycle: int) -> Robot:
 def start(index: int, position: np.ndarray, yaw: float, goal: np.ndarray, mission: Mission) -> Robot:
     """A robot with an empty map that has looked once around and kept a frame each field of view."""
     dim = mission.world.dim
-    ground = grid.Occupancy.unknown(mission.world.lattice(mission.config.cell))
+    ground = grid.Occupancy.unknown(mission.world.ground.lattice(mission.config.cell))
     local = LocalMap.empty(dim, information.n_parameters(dim))
     robot = Robot(index, position, yaw, goal, local, ground, Guests.none(dim), position[None])
     steps = round(2 * math.pi / mission.config.turn)
@@ -101,7 +101,7 @@ def move(robot: Robot, yaw: float, mission: Mission, cycle: int) -> Robot:
             elif not _fits(position, robot.ground, config):
                 break
             else:
-                clear = float(mission.world.clearance(position[None])[0])
+                clear = float(mission.world.ground.clearance(position[None])[0])
                 robot = robot.replace(
                     position=position, yaw=heading, trail=np.concatenate([robot.trail, position[None]]),
                     collisions=robot.collisions + int(clear < config.robot_radius),

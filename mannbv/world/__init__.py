@@ -1,17 +1,19 @@
-"""Ground truth: floor plans and maps, what a camera senses in them, how a robot moves (Section VI-B)."""
+"""Ground truth: a `World` is what a camera meets and what a robot stands on; how a robot moves there (Section VI-B)."""
 
-from mannbv.world.flat import TEXTURES, SceneError, World
-from mannbv.world.library import Place, Summary, load, scenes
+from mannbv.world.errors import SceneError
+from mannbv.world.ground import Ground
+from mannbv.world.library import Summary, load, scenes
 from mannbv.world.motion import ACTIONS, actions_towards, follow, move, turn_to
-from mannbv.world.space import Space
+from mannbv.world.segments import TEXTURES, Segments
 from mannbv.world.surfaces import Surfaces
+from mannbv.world.world import World
 
 __all__ = [
     "ACTIONS",
     "TEXTURES",
-    "Place",
+    "Ground",
     "SceneError",
-    "Space",
+    "Segments",
     "Summary",
     "Surfaces",
     "World",

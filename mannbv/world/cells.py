@@ -1,39 +1,34 @@
-"""From free cells to a flat World: walls along the edges of cells, starts and goals where there is room."""
+"""From free cells to the plan of a ground: walls along the edges of cells."""
 
 import numpy as np
 from scipy import ndimage
 
 from mannbv import grid
 from mannbv.kernels.flat import rays
-from mannbv.world import bodies, places
-from mannbv.world.flat import TEXTURES, World
+from mannbv.world import bodies
+from mannbv.world.ground import Ground
+from mannbv.world.segments import TEXTURES, Segments
 
 TEXTURE = (float(TEXTURES["noise"]), 0.7, 0.5, 0.0)  # of every wall: kind, period [m], contrast, phase [m]
 _HUES = 3.0  # [m] over such a distance the walls' base colour changes
 
 
-def world(name: str, description: str, free, cell, origin, yaw=0.0, n_robots: int = 10) -> World:
-    """The world whose free part is exactly the cells `free` (nx, ny); everything else is solid.
+def ground(free, cell, origin, yaw=0.0, floor=0.0) -> Ground:
+    """The ground whose free part is exactly the cells `free` (nx, ny); everything else is solid.
 
     `origin` x, y [m] is the outer corner of the first cell of size `cell` [m], about which the lattice is turned by
-    `yaw` [rad]. Every edge between a free cell and another is a wall. Starts and goals are those of `places.choose`,
-    for `n_robots` robots or as many as fit, perhaps none. Raises SceneError.
+    `yaw` [rad]; floor [m]. Every edge between a free cell and another is a wall. Raises SceneError if none is free.
     """
     rotation, origin = bodies.turn(yaw), np.asarray(origin, float)
     lattice = grid.Lattice((0.0, 0.0), cell, free.shape)
-    segments = np.ascontiguousarray((cell_edges(free).reshape(-1, 2) * cell @ rotation.T + origin).reshape(-1, 4))
-    middle = (segments[:, :2] + segments[:, 2:]) / 2
-    shared = {
-        "name": name,
-        "description": description,
-        "segments": segments,
-        "colors": np.clip(0.55 + 0.45 * rays.noise_at(middle, _HUES), 0.15, 0.95),
-        "textures": np.tile(TEXTURE, (len(segments), 1)),
-        "solids": bodies.Cells(lattice, ~free, rotation, origin, outside=True),
-        "rooms": bodies.Cells(lattice, free, rotation, origin, outside=False),
-    }
-    starts, goals = places.choose(World(**shared, starts=np.zeros((0, 3)), goals=np.zeros((0, 2))), n_robots)
-    return World(**shared, starts=starts, goals=goals)
+    ends = np.ascontiguousarray((cell_edges(free).reshape(-1, 2) * cell @ rotation.T + origin).reshape(-1, 4))
+    colors = np.clip(0.55 + 0.45 * rays.noise_at((ends[:, :2] + ends[:, 2:]) / 2, _HUES), 0.15, 0.95)
+    return Ground(
+        walls=Segments(ends, colors, np.tile(TEXTURE, (len(ends), 1))),
+        solids=bodies.Cells(lattice, ~free, rotation, origin, outside=True),
+        rooms=bodies.Cells(lattice, free, rotation, origin, outside=False),
+        floor=floor,
+    )
 
 
 def largest(free: np.ndarray, counted: np.ndarray | None = None) -> np.ndarray:

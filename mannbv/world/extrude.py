@@ -11,11 +11,12 @@ import trimesh
 from PIL import Image
 
 from mannbv.kernels.flat import rays
-from mannbv.world import bodies, faces
-from mannbv.world import plan as plans
-from mannbv.world.plan import Block, Plan, Texture
-from mannbv.world.space import Space
+from mannbv.world import bodies, errors, faces
+from mannbv.world.formats import plan as plans
+from mannbv.world.formats.plan import Block, Plan, Texture
+from mannbv.world.ground import BODY
 from mannbv.world.surfaces import Surfaces
+from mannbv.world.world import World
 
 TEXEL, MOST_TEXELS = 0.02, 1024  # [m] between two texels; images have at most so many a side, further apart if need be
 CUT = 0.5  # [m] at this height the textures are flatland's
@@ -29,9 +30,13 @@ MARGIN = 4  # texels around each image of an exported file
 _CLOSE = 1e-6  # [m] heights nearer than this are one
 
 
-def load(path) -> Space:
+def load(path) -> World:
     """The 3-D world of a plan file, with flatland's starts and goals at camera height. Raises SceneError."""
-    return Space.over(plans.load(path), surfaces(plans.read(path)))
+    plan = plans.read(path)
+    with errors.naming(path):
+        ground = plans.ground(plan, BODY)
+    places = ground.raised(plan.starts), ground.raised(plan.goals)
+    return World(plan.name, plan.description, surfaces(plan), ground, *places)
 
 
 def surfaces(plan: Plan) -> Surfaces:
@@ -42,7 +47,7 @@ def surfaces(plan: Plan) -> Surfaces:
     ends at the ceiling.
     """
     blocks = [b for b in (*plan.walls, *plan.furniture) if b.height > _CLOSE and b.elevation < plan.wall_height]
-    rooms = bodies.Polygons(tuple(room.polygon for room in plan.rooms))
+    rooms = plan.inside
     patches = [*_upright(plan, blocks, rooms), *_flat(plan, blocks, rooms), *_floors(plan, rooms)]
     triangles, uv, images = zip(*patches, strict=True)
     return Surfaces(

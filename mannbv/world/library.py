@@ -1,16 +1,15 @@
 """Scenes by name or by file."""
 
-import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from mannbv.world import extrude, mesh, plan, pointnav, rosmap
-from mannbv.world.flat import SceneError, World
-from mannbv.world.space import Space
+from mannbv.world import extrude
+from mannbv.world.errors import SceneError
+from mannbv.world.formats import mesh, plan, pointnav, rosmap
+from mannbv.world.world import World
 
-Place = World | Space  # where an episode can happen
 _OF_A_MESH = ("up", "scale", "floor", "scenes_dir", "building")  # the last two: of PointNav episodes only
 
 
@@ -35,10 +34,10 @@ def folder() -> Path:
 def scenes() -> list[Summary]:
     """The bundled scenes, the smallest first."""
     plans = [plan.read(path) for path in folder().glob("*.json")]
-    return sorted((Summary(p.name, p.description, p.area) for p in plans), key=lambda s: s.area)
+    return sorted((Summary(p.name, p.description, p.inside.area) for p in plans), key=lambda s: s.area)
 
 
-def load(scene, *, dim: int | None = None, starts=None, goals=None, **of_a_mesh) -> Place:
+def load(scene, *, dim: int | None = None, starts=None, goals=None, **of_a_mesh) -> World:
     """The world of a bundled scene (its name) or a plan (`.json`), flat or in 3-D; of a ROS map (`.yaml`, flat); of a
     mesh (`.glb`, `.gltf`, `.obj`, `.ply`) or a Habitat PointNav file (`.json.gz`), in 3-D or the plan of its ground.
 
@@ -51,18 +50,10 @@ def load(scene, *, dim: int | None = None, starts=None, goals=None, **of_a_mesh)
     unknown = sorted(set(given) - set(_OF_A_MESH))
     if unknown:
         raise TypeError(f"load: no option is called {', '.join(unknown)}; known: {', '.join(_OF_A_MESH)}")
-    world = _load(Path(scene), dim, given)
-    for name, places, width in (("starts", starts, 3), ("goals", goals, 2)):
-        if places is None:
-            continue
-        places = np.atleast_2d(np.asarray(places, float))
-        if places.ndim != 2 or places.shape[1] != width or not np.isfinite(places).all():
-            raise SceneError(f"{world.name}: {name} must be rows of {width} finite numbers")
-        world = world.placed(**{name: places})
-    return world
+    return _load(Path(scene), dim, given).placed(starts, goals)
 
 
-def _load(path: Path, dim: int | None, given: dict) -> Place:
+def _load(path: Path, dim: int | None, given: dict) -> World:
     suffix = ".json.gz" if path.name.lower().endswith(".json.gz") else path.suffix.lower()
     if suffix == ".json.gz":
         place = pointnav.load(path, given.pop("scenes_dir", None), given.pop("building", None), **given)
@@ -87,5 +78,7 @@ def _load(path: Path, dim: int | None, given: dict) -> Place:
     return extrude.load(path) if dim == 3 else plan.load(path)
 
 
-def _grounded(place: Space) -> World:
-    return dataclasses.replace(place.ground, notes=place.notes)
+def _grounded(building: World) -> World:
+    """The plan of a building's ground as a world in the plane."""
+    ground, starts, goals = building.ground, np.delete(building.starts, 2, axis=1), building.goals[:, :2].copy()
+    return World(building.name, building.description, ground.walls, ground, starts, goals, building.notes)

@@ -3,9 +3,10 @@
 import math
 
 import numpy as np
-from scipy import ndimage
 
 from mannbv import grid
+from mannbv.world import cells
+from mannbv.world.ground import Ground
 
 CLEARANCE = 0.3  # [m] around every start and goal
 CELL = 0.1  # [m]
@@ -15,21 +16,20 @@ APART = 0.6  # [m] between two starts, and between two goals
 HEADING = math.radians(5)
 
 
-def choose(world, n_robots: int) -> tuple[np.ndarray, np.ndarray]:
+def choose(ground: Ground, n_robots: int) -> tuple[np.ndarray, np.ndarray]:
     """Starts (k, 3) and goals (k, 2) [m, rad], k ≤ n_robots, in the largest region with `CLEARANCE`; no chance in it.
 
     The hub is that region's cell nearest to its middle. Starts spread over its surroundings, each as far as possible
     from those before; a robot's goal lies about `LENGTH` away and `APART` from the others'.
     """
-    lattice, free = world.free_grid(CELL, CLEARANCE)
-    labels, count = ndimage.label(free)
-    if count == 0 or n_robots < 1:
+    lattice, free = ground.free_grid(CELL, CLEARANCE)
+    region = cells.largest(free)
+    if n_robots < 1 or not region.any():
         return np.zeros((0, 3)), np.zeros((0, 2))
-    region = labels == np.bincount(labels.ravel())[1:].argmax() + 1
-    cells = np.argwhere(region)
+    inner = np.argwhere(region)
     cost = np.where(region, 1.0, np.inf)
-    hub = cells[np.argmin(((cells - cells.mean(0)) ** 2).sum(1))]
-    near = cells[grid.geodesic(cost, hub)[tuple(cells.T)] * CELL <= REACH]
+    hub = inner[np.argmin(((inner - inner.mean(0)) ** 2).sum(1))]
+    near = inner[grid.geodesic(cost, hub)[tuple(inner.T)] * CELL <= REACH]
     starts = _spread(near, n_robots)
     goals = []
     for start in starts:

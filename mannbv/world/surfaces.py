@@ -3,12 +3,15 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar, Literal
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Float, Float32, Int32
 
+from mannbv.camera import Camera
+from mannbv.geometry import Pose
 from mannbv.kernels.space import texture
 
 _LEVELS = 12  # half-size copies of an image, itself included
@@ -16,7 +19,7 @@ _LEVELS = 12  # half-size copies of an image, itself included
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """Textured triangles, z up.
+    """What a camera meets in space, as `Segments` is in flatland: textured triangles, z up.
 
     corners (f, 3, 3) [m]. colors (f, 3, 3) in [0, 1], of each corner. uv (f, 3, 2): each corner's place in its image,
     from the lower left corner, in image widths and heights; beyond 0 … 1 the image repeats. image (f,): which of
@@ -28,6 +31,7 @@ class Surfaces:
     uv: Float32[np.ndarray, "f 3 2"]
     image: Int32[np.ndarray, " f"]
     images: tuple
+    dim: ClassVar[Literal[3]] = 3
 
     @staticmethod
     def plain(corners, color=(0.7, 0.7, 0.7)) -> "Surfaces":
@@ -47,7 +51,7 @@ class Surfaces:
         """Upper corner (3,) of the box around all triangles [m]."""
         return self.corners.reshape(-1, 3).max(0)
 
-    def sampled(self, spacing: float) -> np.ndarray:
+    def sampled(self, spacing=0.05) -> np.ndarray:
         """Points (n, 3) [m] on all triangles, so close that none is further than `spacing` from the nearest."""
         edges = np.linalg.norm(self.corners - np.roll(self.corners, -1, 1), axis=2)
         counts = np.maximum(np.ceil(edges.max(1) / spacing), 1).astype(int)
@@ -101,7 +105,18 @@ class Surfaces:
         """`Caster.first`, built at the first call."""
         return self._rays.first(origins, directions)
 
-    def seen(self, origin, directions, faces, spread: float) -> np.ndarray:
+    def view(self, camera: Camera, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+        """Colours (h, w, 3) in [0, 1] and depths (h, w) [m] along the axis; black and inf where there is nothing.
+
+        Depth is exact at the pixels' centres; colour is the texture there, averaged over about a pixel.
+        """
+        origin = pose.position.numpy(force=True)
+        directions = (camera.rays(pose.position) @ pose.rotation.T).numpy(force=True)
+        depth, faces = self.cast(np.broadcast_to(origin, directions.shape), directions)
+        color = self.shaded(origin, directions, faces, 1 / camera.focal)
+        return color.reshape(*camera.shape, 3), depth.reshape(camera.shape)
+
+    def shaded(self, origin, directions, faces, spread: float) -> np.ndarray:
         """Colours (k, 3) in [0, 1] where rays from `origin` (3,) meet their `faces` (k,), black where −1.
 
         spread: width of a pixel at depth 1; finer detail is averaged.

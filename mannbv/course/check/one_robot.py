@@ -141,8 +141,8 @@ def policy(mine: Callable) -> bool:
         robot = team.move(robot, yaw, mission, number)
         if robot.status == "reached":
             break
-    reachable = flat.reachable_free(config.cell, config.robot_radius, flat.starts[0])
-    seen = metrics.coverage(robot.ground, reachable, flat.lattice(config.cell))
+    reachable = flat.ground.reachable_free(config.cell, config.robot_radius, flat.starts[0])
+    seen = metrics.coverage(robot.ground, reachable, flat.ground.lattice(config.cell))
     end = f"at its goal after {number + 1} cycles" if robot.status == "reached" else "not at its goal"
     return say(f"a policy: {end}, {seen:.0%} of the floor seen", True)
 

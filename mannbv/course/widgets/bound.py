@@ -11,7 +11,7 @@ from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
-from mannbv.course.widgets.settings import Choice, Place, Turn
+from mannbv.course.widgets.settings import Choice, Point, Turn
 from mannbv.kernels.flat import rays
 from mannbv.lab import draw
 from mannbv.lab.draw.canvas import INK, PALE
@@ -35,9 +35,9 @@ def lower_bound() -> Explorer:
     return Explorer(
         _picture,
         {
-            "other": Place((0.5, -2.0), (-2.4, -2.05), (2.4, 2.05)),
+            "other": Point((0.5, -2.0), (-2.4, -2.05), (2.4, 2.05)),
             "turned": Turn(math.pi / 2, "other"),
-            "viewer": Place((-1.4, -0.2), (-2.4, -2.0), (2.4, 2.0)),
+            "viewer": Point((-1.4, -0.2), (-2.4, -2.0), (2.4, 2.0)),
             "yaw": Turn(0.1, "viewer"),
             "jointly": Choice("rendered:", {"each map alone": False, "all maps in one image": True}, False),
             "shared": Choice("known before:", {"its owner's look": False, "everyone's looks": True}, False),

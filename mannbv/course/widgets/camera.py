@@ -9,7 +9,7 @@ from mannbv import geometry, render
 from mannbv.camera import Camera
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
-from mannbv.course.widgets.settings import Place, Range, Turn
+from mannbv.course.widgets.settings import Point, Range, Turn
 from mannbv.lab import draw
 from mannbv.splats import SplatMap
 
@@ -23,10 +23,10 @@ def splat_and_camera() -> Explorer:
     return Explorer(
         _picture,
         {
-            "camera": Place((0.0, 0.0), _LOW, _HIGH),
+            "camera": Point((0.0, 0.0), _LOW, _HIGH),
             "yaw": Turn(0.0, "camera"),
-            "orange": Place((2.0, 0.15), _LOW, _HIGH),
-            "blue": Place((3.2, -0.3), _LOW, _HIGH),
+            "orange": Point((2.0, 0.15), _LOW, _HIGH),
+            "blue": Point((3.2, -0.3), _LOW, _HIGH),
             "turned": Range("turned [°]", -90, 90, 30),
             "long": Range("long σ [m]", 0.02, 0.6, 0.4, 0.02),
             "short": Range("short σ [m]", 0.02, 0.6, 0.08, 0.02),

@@ -14,7 +14,7 @@ class Explorer(ipywidgets.VBox):
     """Controls, a canvas and a line of numbers below it.
 
     picture: a function of all settings by name that returns (panels, a line of text); it holds no state, so that the
-    same settings always show the same. settings: name → `Range`, `Choice`, `Switch`, `Place` or `Turn`; handles on the
+    same settings always show the same. settings: name → `Range`, `Choice`, `Switch`, `Point` or `Turn`; handles on the
     canvas carry the name of the setting they move. size: (width, height) of the canvas [px].
     """
 

@@ -11,7 +11,7 @@ from mannbv import geometry, grid, information, mask
 from mannbv.camera import Camera
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
-from mannbv.course.widgets.settings import Choice, Place, Range, Switch, Turn
+from mannbv.course.widgets.settings import Choice, Point, Range, Switch, Turn
 from mannbv.lab import draw
 from mannbv.lab.draw.canvas import INK, PALE
 from mannbv.splats import SplatMap
@@ -31,7 +31,7 @@ def information_over_yaw() -> Explorer:
     return Explorer(
         _picture,
         {
-            "robot": Place((1.5, 1.2), (0.2, 0.2), (4.8, 4.2)),
+            "robot": Point((1.5, 1.2), (0.2, 0.2), (4.8, 4.2)),
             "yaw": Turn(0.0, "robot"),
             "before": Choice("looked around before:", _BEFORE, _BEFORE["once, to the right"]),
             "near": Switch("weights by nearness to the path"),

@@ -8,8 +8,8 @@ import torch
 
 from mannbv import grid
 from mannbv.lab import draw
-from mannbv.lab.draw import parts
 from mannbv.lab.draw.canvas import GROUND, INK, PALE, RISK_MAP, UNKNOWN
+from mannbv.world import World
 
 REACH = 2.0  # standard deviations that a splat's ellipse shows
 YAW_TICKS = [[k * math.pi / 2, label] for k, label in zip(range(-2, 3), ("−π", "−π/2", "0", "π/2", "π"), strict=True)]
@@ -137,12 +137,12 @@ def ground(occupancy: grid.Occupancy) -> dict:
     return cells(occupancy.state, occupancy.lattice, -1, 1, colors=[UNKNOWN, GROUND, PALE])
 
 
-def walls(world) -> list[dict]:
+def walls(world: World) -> list[dict]:
     """The surfaces of a plan, or of the ground of a space, each in its colour."""
-    world = parts.plan_of(world)
+    walls = world.ground.walls
     return [
         line(segment, mpl.colors.to_hex(color), 2.2)
-        for segment, color in zip(world.segments.reshape(-1, 2, 2), world.colors, strict=True)
+        for segment, color in zip(walls.ends.reshape(-1, 2, 2), walls.colors, strict=True)
     ]
 
 

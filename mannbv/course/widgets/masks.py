@@ -10,7 +10,7 @@ from mannbv import geometry, grid, mask, planner, risk, world
 from mannbv.config import Config
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
-from mannbv.course.widgets.settings import Choice, Place, Range
+from mannbv.course.widgets.settings import Choice, Point, Range
 from mannbv.lab import draw
 from mannbv.lab.draw.canvas import INK, PALE
 from mannbv.splats import SplatMap
@@ -27,8 +27,8 @@ def masks_along_a_path() -> Explorer:
     return Explorer(
         _picture,
         {
-            "start": Place((2.6, 0.8), _LOW, _HIGH),
-            "goal": Place((8.7, 6.7), _LOW, _HIGH),
+            "start": Point((2.6, 0.8), _LOW, _HIGH),
+            "goal": Point((8.7, 6.7), _LOW, _HIGH),
             "r_min": Range("r_min [m]", 0.0, 1.0, _CONFIG.r_min, 0.05),
             "beta1": Range("β₁ [m]", 0.1, 2.0, _CONFIG.beta1, 0.1),
             "beta2": Range("β₂ [1/m]", 0.2, 6.0, _CONFIG.beta2, 0.2),
@@ -56,10 +56,10 @@ def surface_splats(points, std) -> SplatMap:
 @cache
 def _scene() -> tuple[SplatMap, grid.Occupancy, np.ndarray]:
     """The map, the ground, and A*'s price of a cell: 1 wherever one can drive to, so that every end has its way."""
-    lattice, free = flat().free_grid(_CONFIG.cell, 0.0)
+    lattice, free = flat().ground.free_grid(_CONFIG.cell, 0.0)
     known = grid.Occupancy(lattice, np.where(free, -1.0, 1.0).astype(np.float32))
-    wide = flat().reachable_free(_CONFIG.cell, _BODY, flat().starts[0])
-    return surface_splats(flat().surface_points(0.1), 0.05), known, np.where(wide, 1.0, np.inf)
+    wide = flat().ground.reachable_free(_CONFIG.cell, _BODY, flat().starts[0])
+    return surface_splats(flat().seen.sampled(0.1), 0.05), known, np.where(wide, 1.0, np.inf)
 
 
 @cache

@@ -10,7 +10,7 @@ from mannbv.config import Config
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.masks import flat, surface_splats
-from mannbv.course.widgets.settings import Choice, Place, Range
+from mannbv.course.widgets.settings import Choice, Point, Range
 from mannbv.lab import draw
 from mannbv.lab.draw.canvas import INK
 from mannbv.splats import SplatMap
@@ -29,8 +29,8 @@ def risk_weight() -> Explorer:
     return Explorer(
         _picture,
         {
-            "start": Place((2.6, 0.8), _LOW, _HIGH),
-            "goal": Place((8.7, 6.7), _LOW, _HIGH),
+            "start": Point((2.6, 0.8), _LOW, _HIGH),
+            "goal": Point((8.7, 6.7), _LOW, _HIGH),
             "weight": Range("risk weight w [1]", 0.0, 12.0, 2.0, 0.25),
             "known": Choice("the robot's map", _MAPS, _MAPS[0]),
         },
@@ -41,7 +41,7 @@ def risk_weight() -> Explorer:
 @cache
 def _ground() -> tuple[grid.Lattice, np.ndarray, np.ndarray]:
     """The lattice, which of its cells are free, and where the robot may go."""
-    lattice, free = flat().free_grid(_CONFIG.cell, 0.0)
+    lattice, free = flat().ground.free_grid(_CONFIG.cell, 0.0)
     occupancy = grid.Occupancy(lattice, np.where(free, -1.0, 1.0).astype(np.float32))
     cells = planner.traversable(occupancy, _CONFIG)
     start = lattice.index(flat().starts[:1])
@@ -55,7 +55,7 @@ def _surfaces() -> SplatMap:
 
 @cache
 def _map(known: str) -> SplatMap:
-    points, vague, unseen = flat().surface_points(0.1), known == _MAPS[1], known == _MAPS[2]
+    points, vague, unseen = flat().seen.sampled(0.1), known == _MAPS[1], known == _MAPS[2]
     near = np.linalg.norm(points - _DOOR, axis=1) < 1.0
     seen = points[:, 0] < 5.0 if unseen else np.full(len(points), True)
     return surface_splats(points[seen], np.where(vague & near, 0.3, 0.05)[seen])
@@ -86,7 +86,7 @@ def _way(known: str, weight: float, start, goal) -> np.ndarray:
 def _scores(known: str, way: np.ndarray) -> tuple[float, float, float, float]:
     """Length [m], mean α [m] on the map and on the true surfaces, least true clearance [m]."""
     own, true = (risk.total(m, torch.from_numpy(way), _CONFIG.level) for m in (_map(known), _surfaces()))
-    return float(planner.lengths(way)[-1]), own, true, float(flat().clearance(way).min())
+    return float(planner.lengths(way)[-1]), own, true, float(flat().ground.clearance(way).min())
 
 
 @lru_cache(maxsize=32)

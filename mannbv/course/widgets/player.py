@@ -11,7 +11,7 @@ from mannbv.config import Config
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.playback import Playback
-from mannbv.course.widgets.settings import Choice, Place, Range
+from mannbv.course.widgets.settings import Choice, Point, Range
 from mannbv.lab import draw
 from mannbv.lab.draw.canvas import INK, PALE
 
@@ -29,7 +29,7 @@ def player(record=None, place=None) -> Explorer:
     In a cycle the map is the one planned on; the ground includes what was seen on the move after it.
     """
     film = _small_team() if record is None else Playback(record, place)
-    lower, upper = film.place.lower[:2], film.place.upper[:2]
+    lower, upper = film.place.seen.lower[:2], film.place.seen.upper[:2]
     middle = film.log(0, 0).position[:2]
     return Explorer(
         lambda **values: _picture(film, **values),
@@ -38,7 +38,7 @@ def player(record=None, place=None) -> Explorer:
             "robot": Choice("robot", tuple(range(film.last.n_robots)), 0),
             "layer": Choice("shown", _LAYERS, "its splats"),
             "chart": Choice("over time", tuple(film.measures), next(iter(film.measures))),
-            "probe": Place((middle[0] + 0.6, middle[1] + 0.3), tuple(lower), tuple(upper)),
+            "probe": Point((middle[0] + 0.6, middle[1] + 0.3), tuple(lower), tuple(upper)),
         },
         size=(860, 385),
     )
@@ -60,7 +60,7 @@ def _picture(film: Playback, cycle, robot, layer, chart, probe):
     log, belief, config = film.log(number, robot), film.belief(number, robot), film.last.config
     spot = planner.raised(np.array(probe)[None], film.last.robots[robot].position[2:])
     alpha = float(risk.field(belief.splats, torch.from_numpy(spot), config.level, config.measure)[0])
-    clear = float(film.place.clearance(spot)[0])
+    clear = float(film.place.ground.clearance(spot)[0])
     panels = [_place(film, time, number, robot, layer, probe, alpha, clear), chart_panel(film, time, robot, chart)]
     if layer == "risk on its map":
         panels.append(items.color_bar((505, 75, 12, 250), *_scale(film), "α [m]"))
@@ -110,7 +110,7 @@ def _place(film: Playback, time, cycle: int, robot: int, layer: str, probe, alph
     shown.append(items.handle("probe", probe, "the probe: α and the true distance here", "#ffffff"))
     when = "" if film.kept or layer == "true plan" else ", as at the end"
     legend = [*key(robot), ("probe: true distance", INK, "line"), ("α", INK, "dash")]
-    lower, upper = film.place.lower - 0.2, film.place.upper + 0.2
+    lower, upper = film.place.seen.lower - 0.2, film.place.seen.upper + 0.2
     return items.plan((50, 45, 405, 295), lower, upper, shown, title=f"robot {robot}: {layer}{when}", legend=legend)
 
 

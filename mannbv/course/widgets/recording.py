@@ -19,7 +19,7 @@ from mannbv.episode import Record
 from mannbv.grid import OCCUPIED, UNKNOWN, Occupancy
 from mannbv.mapping import LocalMap
 from mannbv.team import CycleLog, Guests, Robot, RobotLog
-from mannbv.world import Place
+from mannbv.world import World
 
 VIEWS = ("what it sees", "its map before", "its map after")
 _QUALITY = 80  # of JPEG
@@ -40,7 +40,7 @@ class Recording:
     psnr: Float[np.ndarray, "c n 2"]
 
     @staticmethod
-    def of(records: Sequence[Record], place: Place) -> "Recording":
+    def of(records: Sequence[Record], place: World) -> "Recording":
         """The reel of a 3-D episode from its records after every cycle, as `episode.run` gives them to `progress`."""
         records = [record for record in records if not record.finished]
         config = records[-1].config
@@ -119,7 +119,7 @@ def _rounded(value):
     return round(value, _DIGITS) if isinstance(value, float) else value
 
 
-def _looks(log: RobotLog, before: Robot | None, after: Robot, place: Place, camera: Camera, max_depth: float):
+def _looks(log: RobotLog, before: Robot | None, after: Robot, place: World, camera: Camera, max_depth: float):
     """The three pictures (3, h, w, 3) of where a robot stood, and the PSNR (2,) [dB] of the last two."""
     pose = geometry.yaw_pose(torch.tensor(log.position), log.yaw)
     truth = place.sense(camera, pose, max_depth)

@@ -61,7 +61,7 @@ def _picture(film: Playback, reel: Recording, cycle, robot, layer, chart):
     number = min(int(cycle + 1e-6), len(film.cycles) - 1)  # sliders add up 0.05
     log, like = film.log(number, robot), film.last.robots[robot].ground
     under = items.walls(film.place) if layer == "true plan" else [items.ground(reel.ground(number, robot, like))]
-    lower, upper = film.place.lower - 0.2, film.place.upper + 0.2
+    lower, upper = film.place.seen.lower - 0.2, film.place.seen.upper + 0.2
     plan = items.plan(
         (50, 45, 360, 300), lower, upper, under + crew(film, cycle, number, robot),
         title=f"robot {robot}: {layer}", legend=key(robot),

@@ -9,7 +9,7 @@ import torch
 from mannbv import grid, risk
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
-from mannbv.course.widgets.settings import Choice, Place, Range
+from mannbv.course.widgets.settings import Choice, Point, Range
 from mannbv.lab import draw
 from mannbv.lab.draw.canvas import INK, PALE
 from mannbv.splats import SplatMap
@@ -30,9 +30,9 @@ def risk_field() -> Explorer:
     return Explorer(
         _picture,
         {
-            "point": Place((1.6, 0.95), _LOW, _HIGH),
-            "orange": Place((2.5, 1.75), _LOW, _HIGH),
-            "blue": Place((1.1, 1.5), _LOW, _HIGH),
+            "point": Point((1.6, 0.95), _LOW, _HIGH),
+            "orange": Point((2.5, 1.75), _LOW, _HIGH),
+            "blue": Point((1.1, 1.5), _LOW, _HIGH),
             "long": Range("orange: long σ [m]", 0.06, 0.6, 0.4, 0.01),
             "level": Range("level ε [1]", 0.001, 0.9, 0.1, 0.05, log=True),
             "measure": Choice("measure:", {_MEASURES.get(name, name): name for name in risk.MEASURES}, "avar"),

@@ -99,7 +99,7 @@ class Switch:
 
 
 @dataclass(frozen=True)
-class Place:
+class Point:
     """A point of the plane within [low, high], (2,) [m] each: a handle on the canvas, no control beside it."""
 
     value: tuple

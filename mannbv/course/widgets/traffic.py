@@ -86,7 +86,7 @@ def _splats_size(n: int, codec: str) -> int:
 @functools.cache
 def _grid_size(codec: str) -> int:
     """A grid of the whole flat: what a robot knows of it in the end."""
-    lattice, free = world.load("flat").free_grid(_CELL, 0.0)
+    lattice, free = world.load("flat").ground.free_grid(_CELL, 0.0)
     return len(wire.encode(wire.Grid(0, 3, np.array(lattice.origin), lattice.cell, np.where(free, 0, 1)), codec))
 
 

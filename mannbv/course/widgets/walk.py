@@ -12,7 +12,7 @@ from mannbv import geometry, information, render, splats, world
 from mannbv.camera import Camera, back_project
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
-from mannbv.course.widgets.settings import Choice, Place, Range, Turn
+from mannbv.course.widgets.settings import Choice, Point, Range, Turn
 from mannbv.lab import draw
 from mannbv.lab.draw.canvas import INK, PALE, UNKNOWN
 from mannbv.splats import SplatMap
@@ -41,7 +41,7 @@ def walk(splat_map: SplatMap | None = None) -> Explorer:
     return Explorer(
         functools.partial(_picture, splat_map, low, high, functools.cache(functools.partial(_above, splat_map))),
         {
-            "camera": Place(start or middle, tuple(low[:2].tolist()), tuple(high[:2].tolist())),
+            "camera": Point(start or middle, tuple(low[:2].tolist()), tuple(high[:2].tolist())),
             "yaw": Turn(yaw, "camera"),
             "pitch": Range("pitch [°]", -60, 60, 0),
             "height": Range("height [m]", *levels, 0.05),
@@ -74,7 +74,7 @@ def _round(points, colors, std: float) -> SplatMap:
 
 def _floor(flat: world.World, cell=0.1) -> SplatMap:
     """A flat splat on every free cell [m] of the floor, in tiles of a square metre."""
-    lattice, free = flat.free_grid(cell, 0.0)
+    lattice, free = flat.ground.free_grid(cell, 0.0)
     centers = torch.from_numpy(lattice.centers()[free]).float()
     tone = 0.45 + 0.2 * (centers.floor().sum(1, keepdim=True) % 2)
     layer = _round(centers, tone * torch.tensor([1.0, 0.9, 0.75]), 0.7 * cell)

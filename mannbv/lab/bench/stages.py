@@ -197,7 +197,7 @@ def sensing(scale: Scale) -> Iterator[Result]:
     """A frame of RGB-D of the largest bundled building."""
     place = world.load("wings", dim=3)
     pose = geometry.yaw_pose(torch.from_numpy(place.starts[0, :3]), place.starts[0, 3])
-    what = f"a frame of RGB-D; {len(place.surfaces.corners):,} triangles"
+    what = f"a frame of RGB-D; {len(place.seen.corners):,} triangles"
     for name, size in (("large", scale.large[1]), ("small", scale.small[1])):
         camera = Camera.from_fov(size, size)
         side = Side(f"sense.{name}", f"{what}, {size}×{size} px", partial(place.sense, camera, pose))

@@ -13,6 +13,7 @@ from matplotlib.patches import Circle, Wedge
 
 from mannbv import grid
 from mannbv.lab.draw.canvas import COLORS, GROUND, INK, PALE, RISK_MAP, UNKNOWN
+from mannbv.world import World
 
 _REACH = 2.0  # standard deviations that a splat's ellipse shows
 
@@ -36,19 +37,14 @@ def _cells(ax: Axes, values: np.ndarray, lattice: grid.Lattice, **options) -> Ax
     )  # fmt: skip
 
 
-def plan_of(world):
-    """The plan of a world's ground: a flat world itself, or what a space has in the height of a robot's body."""
-    return getattr(world, "ground", world)
-
-
-def plan(ax: Axes, world, cell=0.05) -> LineCollection:
-    """The true plan: free floor in white, the rest grey, every surface in its colour."""
-    world = plan_of(world)
-    lattice, free = world.free_grid(cell, 0.0)
+def plan(ax: Axes, world: World, cell=0.05) -> LineCollection:
+    """The true plan: free floor in white, the rest grey, every wall in its colour."""
+    walls = world.ground.walls
+    lattice, free = world.ground.free_grid(cell, 0.0)
     _cells(ax, free.astype(float), lattice, cmap=ListedColormap(["#d4d4d4", GROUND]), vmin=0, vmax=1, zorder=0)
-    surfaces = LineCollection(world.segments.reshape(-1, 2, 2), colors=world.colors, linewidths=1.6, zorder=2)
+    surfaces = LineCollection(walls.ends.reshape(-1, 2, 2), colors=walls.colors, linewidths=1.6, zorder=2)
     ax.add_collection(surfaces)
-    ground_axes(ax, world.lower - 0.2, world.upper + 0.2)
+    ground_axes(ax, walls.lower - 0.2, walls.upper + 0.2)
     return surfaces
 
 

@@ -116,7 +116,7 @@ def _over_cycles(ax: Axes, cycle: int, title: str, unit: str) -> None:
 
 def explored(record: Record, world) -> Window:
     """The part of the plan that some robot has seen, as far as it is the building."""
-    seen, building = known(record), parts.plan_of(world)
+    seen, building = known(record), world.ground.walls
     lower, upper = np.maximum(seen.lower, building.lower - 0.2), np.minimum(seen.upper, building.upper + 0.2)
     return _shapely(Window(lower, upper))
 

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from mannbv.episode import Record
 from mannbv.lab.study.resampling import Estimate, bootstrap, pearson, ranks, weighted_mean
 from mannbv.lab.study.results import StudyError
-from mannbv.world import Place
+from mannbv.world import World
 
 KINDS = ("risk", "risk_inflated")  # of α in a `RobotLog`: σ of the splat alone, and widened by its mean's posterior
 
@@ -68,7 +68,7 @@ class Calibration:
 
 def calibration(
     records: Iterable[Record],
-    world: Place,
+    world: World,
     rng: np.random.Generator | None = None,
     n_bins: int = 8,
     thresholds=(0.25, 0.35),
@@ -83,7 +83,7 @@ def calibration(
     return calibrate(forecasts(records, world), rng or np.random.default_rng(0), n_bins, thresholds, draws)
 
 
-def forecasts(records: Iterable[Record], world: Place) -> Forecasts:
+def forecasts(records: Iterable[Record], world: World) -> Forecasts:
     """What records foretold, and what the world says. One robot of one seed is one in all strategies: it has the same
     start and goal."""
     alpha, paths, robot, keys = [], [], [], {}
@@ -101,7 +101,7 @@ def forecasts(records: Iterable[Record], world: Place) -> Forecasts:
         raise StudyError("calibration: no waypoint was announced; give records of at least one cycle")
     values, robots = np.array(alpha, float), np.array(robot)
     known = np.isfinite(values).all(1)
-    clearance = world.clearance(np.array(paths, float)[known])
+    clearance = world.ground.clearance(np.array(paths, float)[known])
     return Forecasts(values[known].T, clearance, robots[known], int((~known).sum()))
 
 

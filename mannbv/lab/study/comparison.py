@@ -79,7 +79,7 @@ def compare(
     config, folder = config or Config(), Path(out)
     names = list(dict.fromkeys(team.STRATEGIES if strategies is None else strategies))
     numbers = list(range(seeds)) if isinstance(seeds, int) else list(dict.fromkeys(seeds))
-    place = (scene if hasattr(scene, "sense") else world.load(scene)).suited(config)
+    place = (scene if isinstance(scene, world.World) else world.load(scene)).suited(config)
     check(place, names, numbers, n_robots, config)
     found = _finished(folder, place, n_robots, config)
     _make(folder)
@@ -171,6 +171,6 @@ def _difference(record: episode.Record, place, n_robots: int, config: Config) ->
         return ", ".join(f"{name} {old[name]}, not {new[name]}" for name in old if old[name] != new[name])
     goals = np.array([robot.goal for robot in record.robots])
     known = (np.abs(goals[:, None] - place.goals).max(2) < 1e-9).any(1).all()
-    if record.robots[0].ground.lattice != place.lattice(config.cell) or not known:
+    if record.robots[0].ground.lattice != place.ground.lattice(config.cell) or not known:
         return f"another building called {place.name}"
     return ""

@@ -24,7 +24,7 @@ import torch
 from mannbv import consensus, episode, risk, team
 from mannbv.config import Config
 from mannbv.episode import Record
-from mannbv.world import Place
+from mannbv.world import World
 
 _ALONE = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 _ALONE["PYTHONWARNINGS"] = "ignore"
@@ -35,7 +35,7 @@ _REGISTRIES = {"strategy": team.REGISTRY, "solver": consensus.SOLVERS, "measure"
 class Job:
     """One episode to run, and the file in which it is saved as it grows."""
 
-    place: Place
+    place: World
     strategy: str
     seed: int
     n_robots: int

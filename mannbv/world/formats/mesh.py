@@ -17,11 +17,11 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-from mannbv.config import Config
-from mannbv.world import storeys, upright
-from mannbv.world.flat import SceneError
-from mannbv.world.space import Space
+from mannbv.world import errors, places
+from mannbv.world.errors import SceneError
+from mannbv.world.formats import storeys, upright
 from mannbv.world.surfaces import Surfaces
+from mannbv.world.world import World
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 GREY = 0.7  # colour of what has none
@@ -30,7 +30,7 @@ _COMPRESSED = ("draco", "meshopt", "quantization")
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else its warnings reach the screen
 
 
-def load(path, up=None, scale=None, floor=None, n_robots: int = 10) -> Space:
+def load(path, up=None, scale=None, floor=None, n_robots: int = 10) -> World:
     """The scene of a mesh, on the storey nearest to the height `floor` [m], or on that with the most free ground.
 
     up, scale: as in `read`. Raises SceneError.
@@ -45,16 +45,19 @@ def load(path, up=None, scale=None, floor=None, n_robots: int = 10) -> Space:
             f"{path}: no floor found between z = {low:.2f} and {high:.2f} m; is the unit metres, and which axis is up? "
             f"Try --scale {guess:g}, or --up"
         )
-    try:
+    with errors.naming(path):
         here = _storey(surfaces, heights, floor)
-        description = f"mesh of {len(surfaces.corners):,} triangles, {here:.2f} m floor"
-        ground = storeys.ground(path.stem, description, surfaces, here, n_robots)
-    except SceneError as error:
-        raise SceneError(f"{path}: {error}") from None
+        ground = storeys.ground(surfaces, here)
+        starts, goals = places.choose(ground, n_robots)
+    if len(starts) == 0:
+        raise SceneError(
+            f"{path}: no robot fits on the floor at {here:.2f} m; is the unit metres? Try --scale, or --floor"
+        )
     if len(heights) > 1:
         listed = ", ".join(f"{z:.2f}" for z in heights)
         notes += (f"floors at z = {listed} m; this one is {here:.2f} m, --floor chooses another",)
-    return Space.over(ground, surfaces, here, Config().camera_height, notes)
+    description = f"mesh of {len(surfaces.corners):,} triangles, {here:.2f} m floor"
+    return World(path.stem, description, surfaces, ground, ground.raised(starts), ground.raised(goals), notes)
 
 
 def _storey(surfaces: Surfaces, heights: list[float], wanted) -> float:

@@ -4,9 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mannbv.world import bodies, entries, faces
-from mannbv.world.entries import Entry
-from mannbv.world.flat import TEXTURES, SceneError, World
+from mannbv.world import bodies, errors, faces
+from mannbv.world.errors import SceneError
+from mannbv.world.formats import entries
+from mannbv.world.formats.entries import Entry
+from mannbv.world.ground import Ground
+from mannbv.world.segments import TEXTURES, Segments
+from mannbv.world.world import World
 
 FORMAT = "mannbv plan 1"
 REACH = (0.05, 1.0)  # [m] flatland keeps what stands at some height between these; not rugs, lamps and lintels
@@ -22,7 +26,7 @@ class Texture:
     phase: float = 0.0
 
     def row(self, offset=0.0) -> list[float]:
-        """As a row of `World.textures`, for a surface that begins `offset` [m] along its wall."""
+        """As a row of `Segments.textures`, for a surface that begins `offset` [m] along its wall."""
         shift = offset if self.kind == "stripes" else 0.0  # noise hangs on the place in the world already
         return [float(TEXTURES[self.kind]), self.period, self.contrast, self.phase + shift]
 
@@ -69,9 +73,9 @@ class Plan:
     goals: np.ndarray
 
     @property
-    def area(self) -> float:
-        """Floor area [m²], to the centre lines of the walls."""
-        return bodies.Polygons(tuple(room.polygon for room in self.rooms)).area
+    def inside(self) -> bodies.Polygons:
+        """The rooms' polygons, to the centre lines of the walls."""
+        return bodies.Polygons(tuple(room.polygon for room in self.rooms))
 
 
 def read(path) -> Plan:
@@ -79,37 +83,26 @@ def read(path) -> Plan:
     return _plan(entries.read(path, FORMAT))
 
 
-def world(plan: Plan) -> World:
-    """The flatland world of a plan: the walls and the furniture between the heights of `REACH`."""
+def ground(plan: Plan, body=REACH) -> Ground:
+    """What stands in a plan between two heights above its floor [m]: walls and furniture. Raises SceneError."""
     everything = [*plan.walls, *plan.furniture]
-    blocks = [b for b in everything if b.elevation < REACH[1] and b.elevation + b.height > REACH[0]]
-    rooms = bodies.Polygons(tuple(room.polygon for room in plan.rooms))
-    segments, owner, room, begin = faces.visible([block.footprint for block in blocks], rooms)
+    blocks = [b for b in everything if b.elevation < body[1] and b.elevation + b.height > body[0]]
+    ends, owner, room, begin = faces.visible([block.footprint for block in blocks], plan.inside)
     colors, textures = [], []
-    for k in range(len(segments)):
+    for k in range(len(ends)):
         block, around = blocks[owner[k]], plan.rooms[room[k]]
         colors.append(block.color or around.wall_color)
         textures.append((block.texture or around.texture).row(block.offset + begin[k]))
-    return World(
-        name=plan.name,
-        description=plan.description,
-        segments=segments,
-        colors=np.array(colors, float).reshape(-1, 3),
-        textures=np.array(textures, float).reshape(-1, 4),
-        starts=plan.starts,
-        goals=plan.goals,
-        solids=bodies.Polygons(tuple(block.footprint for block in blocks)),
-        rooms=rooms,
-    )
+    walls = Segments(ends, np.array(colors, float).reshape(-1, 3), np.array(textures, float).reshape(-1, 4))
+    return Ground(walls, bodies.Polygons(tuple(block.footprint for block in blocks)), plan.inside, body=body)
 
 
 def load(path) -> World:
-    """The flatland world of a plan file; raises SceneError."""
+    """The flatland world of a plan file. Raises SceneError."""
     plan = read(path)
-    try:
-        return world(plan)
-    except SceneError as error:
-        raise SceneError(f"{path}: {error}") from None
+    with errors.naming(path):
+        flat = ground(plan)
+    return World(plan.name, plan.description, flat.walls, flat, plan.starts, plan.goals)
 
 
 def _plan(top: Entry) -> Plan:

@@ -19,8 +19,9 @@ import yaml
 from PIL import Image
 
 from mannbv import grid
-from mannbv.world import cells
-from mannbv.world.flat import SceneError, World
+from mannbv.world import cells, errors, places
+from mannbv.world.errors import SceneError
+from mannbv.world.world import World
 
 MODES = ("trinary", "scale", "raw")
 THRESHOLDS = {"occupied_thresh": 0.65, "free_thresh": 0.196}  # where a file gives none
@@ -38,14 +39,12 @@ def load(path, n_robots: int = 10) -> World:
     free = cells.largest(state == grid.FREE)
     if not free.any():
         raise SceneError(f"{path}: no cell is free; check negate, mode and the thresholds")
-    description = f"ROS map, {resolution:g} m a cell"
-    try:
-        world = cells.world(path.stem, description, free, resolution, origin[:2], origin[2], n_robots)
-    except SceneError as error:
-        raise SceneError(f"{path}: {error}") from None
-    if len(world.starts) == 0:
+    with errors.naming(path):
+        ground = cells.ground(free, resolution, origin[:2], origin[2])
+        starts, goals = places.choose(ground, n_robots)
+    if len(starts) == 0:
         raise SceneError(f"{path}: no free region is wide enough for a robot; check resolution and the thresholds")
-    return world
+    return World(path.stem, f"ROS map, {resolution:g} m a cell", ground.walls, ground, starts, goals)
 
 
 def read(path) -> tuple[np.ndarray, float, np.ndarray]:

@@ -8,8 +8,8 @@ from scipy import ndimage
 from mannbv import grid
 from mannbv.kernels.space import cover
 from mannbv.world import cells
-from mannbv.world.flat import SceneError, World
-from mannbv.world.space import BODY
+from mannbv.world.errors import SceneError
+from mannbv.world.ground import BODY, Ground
 from mannbv.world.surfaces import Surfaces
 
 CELL = 0.025  # [m] of the plan …
@@ -159,18 +159,12 @@ def free_cells(surfaces: Surfaces, floor: float) -> tuple[grid.Lattice, np.ndarr
     return lattice, free & (ndimage.distance_transform_edt(~reached) < margin)
 
 
-def ground(name: str, description: str, surfaces: Surfaces, floor: float, n_robots: int = 10) -> World:
-    """The plan of the storey at the height `floor` [m], with starts and goals for as many robots as fit.
-
-    Raises SceneError.
-    """
+def ground(surfaces: Surfaces, floor: float) -> Ground:
+    """The plan of the storey at the height `floor` [m]. Raises SceneError."""
     lattice, free = free_cells(surfaces, floor)
     if not free.any():
         raise SceneError(f"no ground is free on the floor at {floor:.2f} m; choose another with --floor")
-    world = cells.world(name, description, free, lattice.cell, lattice.origin, n_robots=n_robots)
-    if len(world.starts) == 0:
-        raise SceneError(f"no robot fits on the floor at {floor:.2f} m; is the unit metres? Try --scale, or --floor")
-    return world
+    return cells.ground(free, lattice.cell, lattice.origin, floor=floor)
 
 
 def _indoors(surfaces: Surfaces, floor: float, lattice: grid.Lattice, free: np.ndarray) -> np.ndarray:

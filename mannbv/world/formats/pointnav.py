@@ -4,27 +4,29 @@ Habitat's y axis points up and its camera looks along −z; a place (x, y, z) th
 have their own licence and are not part of this project: the README says how to get them.
 """
 
-import dataclasses
 import gzip
 import json
 import math
 import zlib
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from mannbv.config import Config
-from mannbv.world import mesh, places, storeys
-from mannbv.world.flat import SceneError, World
-from mannbv.world.space import Space
+from mannbv.world import errors, places
+from mannbv.world.errors import SceneError
+from mannbv.world.formats import mesh, storeys
+from mannbv.world.ground import EYE, Ground
 from mannbv.world.surfaces import Surfaces
+from mannbv.world.world import World
 
 MOST_BYTES = 2**28  # of a file, unpacked
 STEP = 0.3  # [m] an episode's height may differ so much from its storey's floor
 HINT = "Gibson's scenes are free to get under their own licence, README.md says how"
 
 
-def load(path, scenes_dir, scene: str | None = None, up=None, scale=None, floor=None, n_robots: int = 10) -> Space:
+def load(path, scenes_dir, scene: str | None = None, up=None, scale=None, floor=None, n_robots: int = 10) -> World:
     """The scene of a file's first episode, or of the first in `scene`, with its episodes' starts and goals.
 
     scenes_dir: the folder that holds what scene_id names, as in gibson/Cantwell.glb. The robots take the episodes on
@@ -46,28 +48,25 @@ def load(path, scenes_dir, scene: str | None = None, up=None, scale=None, floor=
     episodes = [e for e in episodes if e.scene == name]
     file = _found(path, Path(scenes_dir), name)
     surfaces, notes = mesh.read(file, up, 1.0 if scale is None else scale)
-    try:
+    with errors.naming(f"{path}: {name}"):
         floor = _storey(surfaces, episodes, floor)
         if floor is None:
             raise SceneError("no episode starts on a floor; are the mesh's up axis and unit right? Try --up, --scale")
-        description = f"Habitat episodes, {floor:.2f} m floor"
-        ground = storeys.ground(file.stem, description, surfaces, floor, n_robots)
-    except SceneError as error:
-        raise SceneError(f"{path}: {name}: {error}") from None
-    team, skipped = _team(ground, floor, episodes, n_robots)
+        ground = storeys.ground(surfaces, floor)
+    team, skipped = _team(ground, episodes, n_robots)
     if not team:
         raise SceneError(
             f"{path}: no episode of {name} has a free start and a goal within reach; are up axis and unit right? "
             "Try --up, --scale"
         )
-    eye = [0, 0, Config().camera_height]
+    eye = [0, 0, EYE]
     starts = np.array([[*(e.start + eye), e.yaw] for e in team])
     goals = np.array([e.goal + eye for e in team])
-    ground = dataclasses.replace(ground, starts=np.delete(starts, 2, axis=1), goals=goals[:, :2].copy())
-    return Space(ground.name, description, surfaces, ground, floor, starts, goals, notes + skipped)
+    description = f"Habitat episodes, {floor:.2f} m floor"
+    return World(file.stem, description, surfaces, ground, starts, goals, notes + skipped)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Episode:
     """One PointNav task: the mesh's name; start (3,) and goal (3,) [m], on the floor, z up; yaw [rad]."""
 
@@ -175,14 +174,14 @@ def _storey(surfaces: Surfaces, episodes: list[Episode], wanted) -> float | None
     return floor if abs(floor - here) <= storeys.FLAT else here  # a landing between two storeys
 
 
-def _team(ground: World, floor: float, episodes: list[Episode], n_robots: int) -> tuple[list[Episode], tuple[str, ...]]:
+def _team(ground: Ground, episodes: list[Episode], n_robots: int) -> tuple[list[Episode], tuple[str, ...]]:
     """The episodes that robots take, and a note that counts the others seen on the way."""
     team, unfit, close = [], 0, 0
     for episode in episodes:
         if len(team) == n_robots:
             break
         ends = np.stack([episode.start, episode.goal])
-        on_floor = np.abs(ends[:, 2] - floor).max() <= STEP
+        on_floor = np.abs(ends[:, 2] - ground.floor).max() <= STEP
         if not on_floor or not _reachable(ground, *ends):
             unfit += 1
         elif any(math.dist(a, b) < places.APART for e in team for a, b in zip(ends, (e.start, e.goal), strict=True)):
@@ -194,7 +193,7 @@ def _team(ground: World, floor: float, episodes: list[Episode], n_robots: int) -
     return team, tuple(notes)
 
 
-def _reachable(ground: World, start: np.ndarray, goal: np.ndarray) -> bool:
+def _reachable(ground: Ground, start: np.ndarray, goal: np.ndarray) -> bool:
     radius = Config().robot_radius
     if ground.clearance(np.stack([start, goal])).min() < radius:
         return False

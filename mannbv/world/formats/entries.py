@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mannbv.world import bodies
-from mannbv.world.flat import SceneError
+from mannbv.world.errors import SceneError
 
 LARGEST = 1e6  # no number in a scene is larger: lengths are metres
 
