@@ -174,7 +174,7 @@ def test_the_room_is_the_same_each_time_and_stands_around_its_camera(dim):
     assert ((pose.position > 0) & (pose.position < sides)).all()
 
 
-def test_a_fresh_process_tells_its_first_image_and_its_own_peak():
+def test_a_fresh_process_measures_its_first_image_and_its_own_peak():
     first = fresh.ask("first")
     assert set(first) == {"torch", "mannbv", "render", "backward", "fisher", "cpu"}
     assert all(value > 0 for value in first.values())
@@ -193,10 +193,10 @@ def test_threads_are_as_before_afterwards():
     assert (numba.get_num_threads(), torch.get_num_threads()) == before
 
 
-def test_results_are_told_with_their_spread_and_suitable_units():
+def test_results_are_printed_with_their_spread_and_suitable_units():
     result = bench.Result("k", "a thing", "s", (0.01, 0.02, 0.04), (0.01, 0.015, 0.05), (2.0, 3.0, 1500.0))
     assert str(result) == "a thing: 20 ms (15 ms to 30 ms in half of 3 rounds), CPU 15 ms, 3 times ours"
-    assert [timing.told(v, u) for v, u in ((2e-7, "s"), (3.2e9, "B"), (1.5, "ns"), (12345.6, "times"))] == [
+    assert [timing.with_unit(v, u) for v, u in ((2e-7, "s"), (3.2e9, "B"), (1.5, "ns"), (12345.6, "times"))] == [
         "0.2 µs", "3.2 GB", "1.5 ns", "12,346 times",
     ]  # fmt: skip
 

@@ -197,8 +197,8 @@ def test_what_a_reader_has_edited_is_kept_and_named_while_the_others_are_made_an
     assert (done.returncode, done.stderr) == (0, "")
     assert (folder / "a.ipynb").read_bytes() == mine
     assert "3 times x" in (folder / "b.ipynb").read_text()
-    (told,) = (line for line in done.stdout.splitlines() if "kept, " in line and "a.ipynb" in line)
-    assert "delete or rename it" in told
+    (line,) = (line for line in done.stdout.splitlines() if "kept, " in line and "a.ipynb" in line)
+    assert "delete or rename it" in line
     assert "b.ipynb" not in done.stdout
     (folder / "a.ipynb").unlink()
     assert "kept, it" not in derive(folder, small).stdout
@@ -237,8 +237,8 @@ def test_a_bad_notebook_is_named_in_one_line_and_no_copy_is_touched(small, fault
     spoil(small / "notebooks" / "b.ipynb")
     done = derive(folder, small)
     assert (done.returncode, done.stdout) == (2, "")
-    (told,) = done.stderr.splitlines()
-    assert "b.ipynb" in told and complaint in told
+    (line,) = done.stderr.splitlines()
+    assert "b.ipynb" in line and complaint in line
     assert contents(folder) == before
 
 

@@ -207,7 +207,7 @@ def test_no_folder_at_all_for_kernels_is_seen(plain_file, tmp_path):
     shutil.copytree(package, tmp_path / "mannbv", ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "mannbv" / "kernels" / "flat" / "__pycache__").write_text("")
     places = {"PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(plain_file), "HOME": str(plain_file)}
-    code = "from mannbv.lab import doctor; doctor.tell(['cache'])"
+    code = "from mannbv.lab import doctor; doctor.print_findings(['cache'])"
     environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"} | places
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, cwd=tmp_path, capture_output=True, text=True, check=True

@@ -163,28 +163,26 @@ def axes_named(made: Figure, word: str) -> list:
 
 def test_a_team_figure_shows_what_each_robot_believes_and_chose(record, place):
     made = draw.team_figure(record, place)
-    shot = study.snapshot(record)
+    snapshot = study.snapshot(record)
     tops = axes_named(made, "robot ")
     assert [ax.get_title(loc="left").split(":")[0] for ax in tops] == ["robot 0", "robot 1"]
-    for portrait, top in zip(shot.portraits, tops, strict=True):
+    for robot, top in zip(snapshot.robots, tops, strict=True):
         image = top.images[0]
         shown = image.get_array()
-        np.testing.assert_array_equal(~np.ma.getmaskarray(shown).T, np.isfinite(portrait.risk))
-        below = made.axes[made.axes.index(top) + (2 if portrait.index == 0 else 1)]
+        np.testing.assert_array_equal(~np.ma.getmaskarray(shown).T, np.isfinite(robot.risk))
+        below = made.axes[made.axes.index(top) + (2 if robot.index == 0 else 1)]
         shapes = [c for c in below.collections if isinstance(c, EllipseCollection)]
-        assert sum(len(c.get_offsets()) for c in shapes) == portrait.belief.splats.n_splats
-        selected = int(portrait.zone.selected.sum())
-        assert sorted(len(c.get_offsets()) for c in shapes) == sorted(
-            [selected, len(portrait.zone.selected) - selected]
-        )
+        assert sum(len(c.get_offsets()) for c in shapes) == robot.belief.splats.n_splats
+        selected = int(robot.zone.selected.sum())
+        assert sorted(len(c.get_offsets()) for c in shapes) == sorted([selected, len(robot.zone.selected) - selected])
         (wedge,) = (patch for patch in below.patches if isinstance(patch, Wedge))
         middle = math.radians((wedge.theta1 + wedge.theta2) / 2)
-        assert math.cos(middle - portrait.chosen) == pytest.approx(1.0)
-        np.testing.assert_allclose(wedge.center, portrait.view)
+        assert math.cos(middle - robot.chosen) == pytest.approx(1.0)
+        np.testing.assert_allclose(wedge.center, robot.view)
         balls = next(c for c in below.collections if isinstance(c, PatchCollection))
-        assert len(balls.get_paths()) == len(portrait.path)
-        rays = [line for line in below.lines if np.allclose(line.get_xydata()[0], portrait.view)]
-        assert len(rays) >= len(portrait.suggestions)
+        assert len(balls.get_paths()) == len(robot.path)
+        rays = [line for line in below.lines if np.allclose(line.get_xydata()[0], robot.view)]
+        assert len(rays) >= len(robot.suggestions)
     labels = [ax.get_ylabel() for ax in made.axes]
     assert "α, AV@R distance [m]" in labels
     assert "straight distance [m]" in labels
@@ -271,11 +269,11 @@ def test_windows_keep_their_shape_and_hold_everything(record, place):
     for robot in record.robots:
         assert (robot.trail >= whole.lower).all()
         assert (robot.trail <= whole.upper).all()
-    for portrait in study.snapshot(record).portraits:
-        near = team_picture.closeup(portrait, 0.5)
+    for robot in study.snapshot(record).robots:
+        near = team_picture.closeup(robot, 0.5)
         assert near.aspect == pytest.approx(0.5)
-        assert (portrait.path >= near.lower).all()
-        assert (portrait.path <= near.upper).all()
+        assert (robot.path >= near.lower).all()
+        assert (robot.path <= near.upper).all()
     assert team_picture.Window(np.zeros(2), np.array([4.0, 1.0])).shaped(1.0).size.tolist() == [4.0, 4.0]
 
 
@@ -319,8 +317,8 @@ def test_robots_have_colours_of_their_own():
 
 
 def test_the_risk_that_is_drawn_is_the_field(record):
-    portrait = study.snapshot(record).portraits[0]
-    lattice = portrait.belief.occupancy.lattice
-    cells = np.argwhere(np.isfinite(portrait.risk))[::97]
-    expected = risk.field(portrait.belief.splats, torch.from_numpy(lattice.centers(cells)), TINY.level)
-    np.testing.assert_allclose(portrait.risk[tuple(cells.T)], expected, atol=1e-6)
+    robot = study.snapshot(record).robots[0]
+    lattice = robot.belief.occupancy.lattice
+    cells = np.argwhere(np.isfinite(robot.risk))[::97]
+    expected = risk.field(robot.belief.splats, torch.from_numpy(lattice.centers(cells)), TINY.level)
+    np.testing.assert_allclose(robot.risk[tuple(cells.T)], expected, atol=1e-6)

@@ -103,8 +103,8 @@ def test_splats_in_the_mask_are_coloured_by_their_weight(records):
     record = records["distributed"]
     made = draw.mask_figure(record, 1)
     (ax,) = titled(made, "path, mask and weights")
-    portrait = study.snapshot(record, 1).portraits[0]
-    zone, splat_map = portrait.zone, portrait.belief.splats
+    robot = study.snapshot(record, 1).robots[0]
+    zone, splat_map = robot.zone, robot.belief.splats
     shown = in_body(splat_map, record.robots[0], record.config)
     inside = shown & zone.selected.numpy()
     assert 0 < inside.sum() < shown.sum()
@@ -114,7 +114,7 @@ def test_splats_in_the_mask_are_coloured_by_their_weight(records):
     np.testing.assert_allclose(coloured.get_facecolors()[:, :3], expected, atol=1e-6)
     np.testing.assert_allclose(coloured.get_offsets(), splat_map.means.numpy()[inside, :2])
     balls = next(c for c in ax.collections if isinstance(c, PatchCollection))
-    assert len(balls.get_paths()) == len(portrait.path)
+    assert len(balls.get_paths()) == len(robot.path)
     assert any(axis.get_ylabel() == "weight v of a splat, Eq. (13) [1]" for axis in made.axes)
 
 
@@ -134,9 +134,9 @@ def test_each_robot_proposes_a_view_for_itself_and_one_for_its_teammate(records)
 
 def test_a_telling_cycle_has_views_suggested_both_ways(records):
     record = records["distributed"]
-    assert proposals.telling(record, 1) == (1, 0, 1)
+    assert proposals.cycle_and_pair(record, 1) == (1, 0, 1)
     record = with_suggestions(record, {0: (), 1: (SuggestionLog(1, 0, 0.1, 5.0),), 2: ()})
-    assert proposals.telling(record) == (1, 1, 0)
+    assert proposals.cycle_and_pair(record) == (1, 1, 0)
     first, second, *rest = record.cycles  # robot 1 still suggests a view, but plans no more
     record = dataclasses.replace(record, cycles=(first, at_goal(second, 1), *rest))
     with pytest.raises(ValueError, match="no robot suggests a view; give a distributed or limited run"):
@@ -187,11 +187,11 @@ def test_sharing_shows_what_each_robot_was_sent(records):
 
 def test_beliefs_have_a_risk_field_and_a_map_a_robot(records):
     made = draw.beliefs_figure(records["limited"], 1)
-    portraits = study.snapshot(records["limited"], 1).portraits
+    robots = study.snapshot(records["limited"], 1).robots
     tops = titled(made, "robot ")
-    for portrait, top in zip(portraits, tops, strict=True):
+    for robot, top in zip(robots, tops, strict=True):
         shown = top.images[0].get_array()
-        np.testing.assert_array_equal(~np.ma.getmaskarray(shown).T, np.isfinite(portrait.risk))
+        np.testing.assert_array_equal(~np.ma.getmaskarray(shown).T, np.isfinite(robot.risk))
 
 
 def test_the_plan_of_a_space_is_that_of_its_ground(records):
@@ -259,8 +259,8 @@ def test_every_figure_takes_the_team_that_the_paper_shows(files, records):
 def test_what_cannot_be_drawn_says_why(files, tmp_path):
     (tmp_path / "torn.npz").write_bytes(files[0].read_bytes()[:100])
     chosen = [tmp_path / "torn.npz", *(file for file in files if file.name.startswith(("centralized-2", "limited-5")))]
-    told = {name.split("-")[0]: (figure, why) for name, figure, why in draw.paper_figures(chosen)}
-    assert "not a whole record" in told["torn.npz"][1]
-    assert told["figure1"] == (None, "needs runs of one team: distributed; add them with compare")
-    assert told["figure5"][1] == "needs runs of one team: centralized and limited; add them with compare"
-    assert [name for name, (figure, _) in told.items() if figure is not None] == ["figure3", "figure4"]
+    drawn = {name.split("-")[0]: (figure, why) for name, figure, why in draw.paper_figures(chosen)}
+    assert "not a whole record" in drawn["torn.npz"][1]
+    assert drawn["figure1"] == (None, "needs runs of one team: distributed; add them with compare")
+    assert drawn["figure5"][1] == "needs runs of one team: centralized and limited; add them with compare"
+    assert [name for name, (figure, _) in drawn.items() if figure is not None] == ["figure3", "figure4"]

@@ -7,6 +7,7 @@ import pkgutil
 import re
 from pathlib import Path
 
+import networkx as nx
 import pytest
 
 import mannbv
@@ -42,22 +43,35 @@ def name_of(path: Path) -> tuple[str, ...]:
     return parts[:-1] if parts[-1] == "__init__" else parts
 
 
-def imported(source: str, module: tuple[str, ...], is_package: bool = False) -> set[str]:
-    """Rooms that a module imports, whatever way it writes it."""
-    rooms = set()
+def imports(source: str, module: tuple[str, ...], is_package: bool = False) -> list[tuple[str, ...]]:
+    """Full names that a module imports from this package, at its top or inside functions, whatever way it writes it."""
+    found = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
-            full = [tuple(alias.name.split(".")) for alias in node.names]
+            found += [tuple(alias.name.split(".")) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             base = tuple(node.module.split(".")) if node.module else ()
             if node.level:
                 package = ("mannbv", *module) if is_package else ("mannbv", *module[:-1])
                 base = package[: len(package) - node.level + 1] + base
-            full = [(*base, alias.name) for alias in node.names]
-        else:
-            continue
-        rooms |= {room_of(name[1:]) for name in full if name[0] == "mannbv" and len(name) > 1}
-    return rooms - {"__version__"}
+            found += [(*base, alias.name) for alias in node.names]
+    return [name for name in found if name[0] == "mannbv"]
+
+
+def imported(source: str, module: tuple[str, ...], is_package: bool = False) -> set[str]:
+    """Rooms that a module imports."""
+    return {room_of(name[1:]) for name in imports(source, module, is_package) if len(name) > 1} - {"__version__"}
+
+
+def circles(modules: dict[tuple[str, ...], tuple[str, bool]]) -> list[set[tuple[str, ...]]]:
+    """Groups of modules that import each other; module → its source, and whether it is a package."""
+    graph = nx.DiGraph()
+    for module, (source, is_package) in modules.items():
+        for name in imports(source, module, is_package):
+            target = next((part for part in (name[1:], name[1:-1]) if part in modules), module)
+            if target != module:
+                graph.add_edge(module, target)
+    return [group for group in nx.strongly_connected_components(graph) if len(group) > 1]
 
 
 def room_of(module: tuple[str, ...]) -> str:
@@ -154,6 +168,19 @@ def test_the_checker_sees_a_bad_import(source, module):
 )
 def test_the_checker_lets_good_imports_pass(source, module):
     assert trespasses(source, module) == []
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    modules = {name_of(path): (path.read_text(encoding="utf-8"), path.name == "__init__.py") for path in SOURCES}
+    assert circles(modules) == []
+
+
+def test_the_checker_sees_a_circle_through_a_function_and_leaves_a_package_its_own_modules():
+    lines = {("a",): "from mannbv.b import c", ("b", "c"): "def f():\n    from .. import a", ("d",): "import mannbv.a"}
+    assert circles({name: (source, False) for name, source in lines.items()}) == [{("a",), ("b", "c")}]
+    package = {("b",): ("from mannbv.b.c import thing", True), ("b", "c"): ("from mannbv.b import d", False)}
+    assert circles(package | {("b", "d"): ("", False)}) == []
+    assert circles(package) == [{("b",), ("b", "c")}]  # d is then a name of the package
 
 
 def test_the_checker_sees_a_question_for_the_dimension():

@@ -129,19 +129,19 @@ def test_unknown_methods_are_named(rng):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_what_does_not_fit_together_is_named(dim, rng, unchecked):
     splat_map, camera, pose = random_map(rng, 3, dim), camera_for(dim, 4), random_pose(rng, dim)
-    other, told = camera_for(5 - dim, 4), torch.ones(3, information.n_parameters(dim))
+    other, prior = camera_for(5 - dim, 4), torch.ones(3, information.n_parameters(dim))
     place = [0.0] * dim
     for words, call in (
         ("do not fit", lambda: information.fisher(splat_map, other, pose)),
         ("must be positive, got 0, 0.05", lambda: information.fisher(splat_map, camera, pose, sigma_color=0)),
-        ("do not fit", lambda: information.yaw_profile(splat_map, other, place, told)),
-        ("do not fit", lambda: information.yaw_profile(splat_map, camera, [0.0] * (5 - dim), told)),
-        ("2 rows of prior for 3 splats", lambda: information.yaw_profile(splat_map, camera, place, told[:2])),
-        ("0 yaws", lambda: information.yaw_profile(splat_map, camera, place, told, n_yaws=0)),
-        ("7 columns", lambda: information.gain(told[:, :7], told[:, :7])),
-        (r"weights must be \(3,\)", lambda: information.gain(told, told, torch.ones(2))),
-        (r"selected must be \(3,\)", lambda: information.gain(told, told, None, [True])),
-        ("True or False of each splat", lambda: information.gain(told, told, None, [0, 1, 2])),
+        ("do not fit", lambda: information.yaw_profile(splat_map, other, place, prior)),
+        ("do not fit", lambda: information.yaw_profile(splat_map, camera, [0.0] * (5 - dim), prior)),
+        ("2 rows of prior for 3 splats", lambda: information.yaw_profile(splat_map, camera, place, prior[:2])),
+        ("0 yaws", lambda: information.yaw_profile(splat_map, camera, place, prior, n_yaws=0)),
+        ("7 columns", lambda: information.gain(prior[:, :7], prior[:, :7])),
+        (r"weights must be \(3,\)", lambda: information.gain(prior, prior, torch.ones(2))),
+        (r"selected must be \(3,\)", lambda: information.gain(prior, prior, None, [True])),
+        ("True or False of each splat", lambda: information.gain(prior, prior, None, [0, 1, 2])),
     ):
         with pytest.raises(ValueError, match=words):
             call()
@@ -398,7 +398,7 @@ def test_a_prior_of_other_columns_and_negative_weights_are_refused(dim, rng, unc
 
 def test_a_slope_is_a_slope_without_gradients_too(rng):
     splats, camera = random_map(rng, 12, 2), camera_for(2, 16)
-    told = information.gain_and_slope(splats, camera, torch.zeros(2), 0.3, torch.zeros(12, 9))
+    first = information.gain_and_slope(splats, camera, torch.zeros(2), 0.3, torch.zeros(12, 9))
     with torch.no_grad():
-        assert information.gain_and_slope(splats, camera, torch.zeros(2), 0.3, torch.zeros(12, 9)) == told
-    assert told[1] != 0
+        assert information.gain_and_slope(splats, camera, torch.zeros(2), 0.3, torch.zeros(12, 9)) == first
+    assert first[1] != 0

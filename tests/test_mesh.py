@@ -130,8 +130,8 @@ def test_no_known_unit_makes_a_usual_storey_and_says_so(tmp_path):
     surfaces, notes = mesh.read(path)
     assert np.ptp(surfaces.corners[..., 2]) == pytest.approx(upright.USUAL, rel=1e-3)
     assert "0.55 m a unit" in notes[0] and "--up and --scale would overrule" in notes[0]
-    told, notes = mesh.read(path, scale=0.5)
-    np.testing.assert_allclose(told.upper - told.lower, SIZE / 0.55 * 0.5, rtol=1e-5)
+    scaled, notes = mesh.read(path, scale=0.5)
+    np.testing.assert_allclose(scaled.upper - scaled.lower, SIZE / 0.55 * 0.5, rtol=1e-5)
     assert "0.5 m a unit" in notes[0] and "--scale" not in notes[0]
 
 

@@ -81,12 +81,12 @@ def name_of(call: ast.Call) -> str:
 
 def sections(notebook) -> list[tuple[str, nbformat.NotebookNode]]:
     """Each cell with the heading of level 2 above it."""
-    title, told = "", []
+    title, found = "", []
     for cell in notebook.cells:
         if cell.cell_type == "markdown" and cell.source.startswith("## "):
             title = cell.source.splitlines()[0][3:]
-        told.append((title, cell))
-    return told
+        found.append((title, cell))
+    return found
 
 
 # --- the rules ------------------------------------------------------------------------------------------------------
@@ -198,11 +198,11 @@ def wrong_outputs(notebook) -> list[str]:
     wrong = []
     for cell in code(notebook):
         first = cell.source.splitlines()[0]
-        told = "".join(output.get("text", "") for output in cell.outputs)
-        if any(o.output_type == "error" or o.get("name") == "stderr" for o in cell.outputs) or "Traceback" in told:
+        printed = "".join(output.get("text", "") for output in cell.outputs)
+        if any(o.output_type == "error" or o.get("name") == "stderr" for o in cell.outputs) or "Traceback" in printed:
             wrong.append(f"an error is stored under: {first}")
         run = {name_of(call) for call in calls(python(cell), inside_functions=False)}
-        if ("print" in run and not told) or ("show" in run and not any("data" in o for o in cell.outputs)):
+        if ("print" in run and not printed) or ("show" in run and not any("data" in o for o in cell.outputs)):
             wrong.append(f"nothing is stored under: {first}")
         if cell.execution_count is None:
             wrong.append(f"never run: {first}")

@@ -145,19 +145,19 @@ def test_views_are_those_of_the_distributed_run(made, runs):
     assert np.allclose(made["view_share"], views.share, atol=1e-6) and np.array_equal(made["view_robot"], views.robot)
 
 
-def test_an_episode_becomes_a_record_and_a_reel_that_belong_together(records, tmp_path, monkeypatch):
+def test_an_episode_becomes_a_record_and_a_recording_that_belong_together(records, tmp_path, monkeypatch):
     monkeypatch.setattr(records, "PRESETS", {3: {"quick": PRESETS[3]["quick"].replace(**SMALL, max_cycles=1)}})
     assert records.main(["episode", "--out", str(tmp_path)]) == 0
-    record, reel = episode.load(tmp_path / "15_episode.npz"), Recording.load(tmp_path / "15_reel.npz")
+    record, recording = episode.load(tmp_path / "15_episode.npz"), Recording.load(tmp_path / "15_recording.npz")
     assert record.n_robots == 5 and record.finished and len(record.rows) == 5
-    assert reel.state.shape == (1, 5, *record.robots[0].ground.lattice.shape)
-    assert np.array_equal(reel.state[-1], [robot.ground.state for robot in record.robots])
+    assert recording.state.shape == (1, 5, *record.robots[0].ground.lattice.shape)
+    assert np.array_equal(recording.state[-1], [robot.ground.state for robot in record.robots])
 
 
 def test_what_is_shipped_fits_together_and_is_small():
-    record, reel = episode.load(SHIPPED / "15_episode.npz"), Recording.load(SHIPPED / "15_reel.npz")
-    assert reel.state.shape[:2] == (len(record.cycles), record.n_robots)
-    assert np.array_equal(reel.state[-1], [robot.ground.state for robot in record.robots])
+    record, recording = episode.load(SHIPPED / "15_episode.npz"), Recording.load(SHIPPED / "15_recording.npz")
+    assert recording.state.shape[:2] == (len(record.cycles), record.n_robots)
+    assert np.array_equal(recording.state[-1], [robot.ground.state for robot in record.robots])
     assert sum(path.stat().st_size for path in SHIPPED.glob("15_*")) <= 1_000_000
 
 

@@ -165,10 +165,10 @@ def test_an_unfit_python_is_told_in_one_line_with_the_remedy(kind, tmp_path):
         (tmp_path / "python").chmod(0o755)
     done = run("make", "test", "PYTHON=./python", cwd=tmp_path)
     assert done.returncode != 0
-    told = [line for line in done.stderr.splitlines() if not line.startswith("make")]
-    assert len(told) == 1
-    assert message in told[0]
-    assert "make PYTHON=" in told[0]
+    lines = [line for line in done.stderr.splitlines() if not line.startswith("make")]
+    assert len(lines) == 1
+    assert message in lines[0]
+    assert "make PYTHON=" in lines[0]
     assert not (tmp_path / ".venv").exists()
 
 
@@ -189,11 +189,11 @@ def test_setup_runs_again_only_when_the_lock_or_the_project_changed(tmp_path):
 # --- threads --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("asked", "told"), [({}, "passive"), ({"OMP_WAIT_POLICY": "active"}, "active")])
-def test_waiting_threads_leave_the_cores_to_others_unless_told_otherwise(asked, told, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("asked", "policy"), [({}, "passive"), ({"OMP_WAIT_POLICY": "active"}, "active")])
+def test_waiting_threads_leave_the_cores_to_others_unless_told_otherwise(asked, policy, tmp_path, monkeypatch):
     monkeypatch.delenv("OMP_WAIT_POLICY", raising=False)
     done = run(sys.executable, "-c", "import os, mannbv; print(os.environ['OMP_WAIT_POLICY'])", cwd=tmp_path, **asked)
-    assert done.stdout.strip() == told
+    assert done.stdout.strip() == policy
 
 
 # --- CI -------------------------------------------------------------------------------------------------------------
@@ -292,12 +292,12 @@ def test_a_notebook_that_must_not_be_stored_is_named_in_one_line_and_left_as_it_
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     done = store(*paths, tmp_path / "torn.ipynb")
     assert done.returncode == 2
-    told = done.stderr.splitlines()
-    assert len(told) == 4
-    for line, path, complaint in zip(told, paths, [complaint for _, complaint in bad.values()], strict=False):
+    lines = done.stderr.splitlines()
+    assert len(lines) == 4
+    for line, path, complaint in zip(lines, paths, [complaint for _, complaint in bad.values()], strict=False):
         assert line.startswith(str(path))
         assert complaint in line
-    assert "torn.ipynb: not a notebook" in told[3]
+    assert "torn.ipynb: not a notebook" in lines[3]
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 

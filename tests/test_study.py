@@ -125,11 +125,11 @@ def test_what_is_finished_is_kept_and_more_seeds_join(tmp_path):
     file = study.run_file(tmp_path, "single", 0)
     before = file.stat().st_mtime_ns
     (file.parent / ".single-1.npz.123.tmp").write_bytes(b"half")  # what a killed run was writing
-    heard = []
-    more = compare(tmp_path, ["single"], seeds=2, progress=heard.append)
+    updates = []
+    more = compare(tmp_path, ["single"], seeds=2, progress=updates.append)
     assert file.stat().st_mtime_ns == before
     assert not list(file.parent.glob(".*.tmp"))
-    assert {key for progress in heard for key in progress.ticks} == {("single", 1)}
+    assert {key for progress in updates for key in progress.episodes} == {("single", 1)}
     assert more.results["seeds"] == [0, 1]
     assert more.results["rows"][:2] == first.results["rows"]
 
@@ -206,14 +206,14 @@ def test_a_failing_episode_is_named_and_costs_no_other(tmp_path, registry):
 def test_a_killed_worker_costs_its_own_episode_only_and_own_strategies_reach_the_workers(tmp_path, registry):
     team.register("gone", vanish, team.serve_own)
     team.register("mine", team.share_plans, team.serve_own, "own")
-    heard = []
-    outcome = compare(tmp_path, ["gone", "mine"], workers=1, progress=heard.append)
+    updates = []
+    outcome = compare(tmp_path, ["gone", "mine"], workers=1, progress=updates.append)
     assert len(outcome.failures) == 1
     assert outcome.failures[0].startswith("gone, seed 0: its process was ended (exit code 7)")
     assert {row["strategy"] for row in outcome.results["rows"]} == {"mine"}
-    assert heard[-1].ticks["gone", 0].fault
-    assert heard[-1].ticks["mine", 0].finished
-    assert heard[-1].share == 1.0
+    assert updates[-1].episodes["gone", 0].fault
+    assert updates[-1].episodes["mine", 0].finished
+    assert updates[-1].share == 1.0
 
 
 def test_a_strategy_that_no_other_process_could_find_is_refused_at_once(tmp_path, registry):
@@ -488,12 +488,12 @@ class Terminal(io.StringIO):
 
 
 def test_progress_counts_robots_and_cycles(tmp_path):
-    heard = []
-    compare(tmp_path, ["single"], progress=heard.append)
-    ticks = [progress.ticks["single", 0] for progress in heard]
-    assert [tick.cycles for tick in ticks] == [1, 2, 2]
-    assert [tick.finished for tick in ticks] == [False, False, True]
-    shares = [progress.share for progress in heard]
+    updates = []
+    compare(tmp_path, ["single"], progress=updates.append)
+    episodes = [progress.episodes["single", 0] for progress in updates]
+    assert [each.cycles for each in episodes] == [1, 2, 2]
+    assert [each.finished for each in episodes] == [False, False, True]
+    shares = [progress.share for progress in updates]
     assert shares == sorted(shares)
     assert 0 < shares[0] < 1
     assert shares[-1] == 1
@@ -501,23 +501,23 @@ def test_progress_counts_robots_and_cycles(tmp_path):
 
 def story() -> list[study.Progress]:
     start = study.Progress(2, {("single", k): study.EpisodeProgress("single", k) for k in range(2)})
-    steps = [start.heard(study.EpisodeProgress("single", 0, 3, 1, 0.5))]
-    steps.append(steps[-1].heard(study.EpisodeProgress("single", 0, 6, 2, 1.0, True)))
-    return [*steps, steps[-1].heard(study.EpisodeProgress("single", 1, fault="no luck"))]
+    steps = [start.updated(study.EpisodeProgress("single", 0, 3, 1, 0.5))]
+    steps.append(steps[-1].updated(study.EpisodeProgress("single", 0, 6, 2, 1.0, True)))
+    return [*steps, steps[-1].updated(study.EpisodeProgress("single", 1, fault="no luck"))]
 
 
-def test_the_meter_is_a_bar_on_a_terminal_and_a_line_an_episode_elsewhere(monkeypatch):
+def test_the_progress_bar_is_a_bar_on_a_terminal_and_a_line_an_episode_elsewhere(monkeypatch):
     clock = iter(range(0, 10_000, 100))
     monkeypatch.setattr(study.progress.time, "monotonic", lambda: next(clock))
     lines, bar = io.StringIO(), Terminal()
     for stream in (lines, bar):
-        with study.ProgressBar(stream) as meter:
+        with study.ProgressBar(stream) as bar:
             for progress in story():
-                meter(progress)
-    told = lines.getvalue().splitlines()
-    assert len(told) == 2
-    assert told[0].startswith("single, seed 0: 2/2 robots at their goals, 6 cycles, 1/2 episodes, about ")
-    assert told[1] == "single, seed 1: failed, 2/2 episodes"
+                bar(progress)
+    printed = lines.getvalue().splitlines()
+    assert len(printed) == 2
+    assert printed[0].startswith("single, seed 0: 2/2 robots at their goals, 6 cycles, 1/2 episodes, about ")
+    assert printed[1] == "single, seed 1: failed, 2/2 episodes"
     assert "robots at their goals 1/4" in bar.getvalue()
     assert "6 cycles, 1/2 episodes" in bar.getvalue()
 
@@ -525,74 +525,74 @@ def test_the_meter_is_a_bar_on_a_terminal_and_a_line_an_episode_elsewhere(monkey
 def test_the_time_left_follows_from_the_share_done(monkeypatch):
     now = [1000.0]
     monkeypatch.setattr(study.progress.time, "monotonic", lambda: now[0])
-    meter = study.ProgressBar(io.StringIO())
+    bar = study.ProgressBar(io.StringIO())
     progress = study.Progress(
         1, {("single", 0): study.EpisodeProgress("single", 0, share=0.2)}
     )  # resumed: 0.2 was there before
-    meter(progress)
-    assert meter.left(progress) == ""
+    bar(progress)
+    assert bar.left(progress) == ""
     now[0] += 60
     assert (
-        meter.left(progress.heard(study.EpisodeProgress("single", 0, share=0.5))) == "about 01:40 left"
+        bar.left(progress.updated(study.EpisodeProgress("single", 0, share=0.5))) == "about 01:40 left"
     )  # 60 s · 0.5 / 0.3
 
 
 def test_a_long_study_is_told_in_few_lines():
     stream = io.StringIO()
     progress = study.Progress(1, {("single", k): study.EpisodeProgress("single", k) for k in range(200)})
-    with study.ProgressBar(stream) as meter:
+    with study.ProgressBar(stream) as bar:
         for k in range(200):
-            progress = progress.heard(study.EpisodeProgress("single", k, 5, 1, 1.0, True))
-            meter(progress)
-    told = stream.getvalue().splitlines()
-    assert len(told) == 20
-    assert "200/200 episodes" in told[-1]
+            progress = progress.updated(study.EpisodeProgress("single", k, 5, 1, 1.0, True))
+            bar(progress)
+    printed = stream.getvalue().splitlines()
+    assert len(printed) == 20
+    assert "200/200 episodes" in printed[-1]
 
 
-# ---- a moment of an episode -----------------------------------------------------------------------------------------
+# ---- a cycle of an episode ------------------------------------------------------------------------------------------
 
 
 def test_a_snapshot_is_what_the_cycle_planned_on_the_maps_of_today(done):
     record = done.record("distributed")
-    shot = study.snapshot(record, 1)
-    for robot, portrait in zip(record.robots, shot.portraits, strict=True):
+    snapshot = study.snapshot(record, 1)
+    for robot, seen in zip(record.robots, snapshot.robots, strict=True):
         log = record.cycles[1].robots[robot.index]
-        assert portrait.chosen == log.chosen
-        np.testing.assert_array_equal(portrait.path, log.path)
-        assert {mate for mate, _, _ in portrait.suggestions} <= {0, 1} - {robot.index}
-        means, path = robot.local.splats.means.double().numpy(), portrait.path
+        assert seen.chosen == log.chosen
+        np.testing.assert_array_equal(seen.path, log.path)
+        assert {mate for mate, _, _ in seen.suggestions} <= {0, 1} - {robot.index}
+        means, path = robot.local.splats.means.double().numpy(), seen.path
         away = np.linalg.norm(means[:, None] - path, axis=2)
         sigma = robot.local.splats.scales.max(1).values.double().numpy()
         tail = stats.norm.pdf(stats.norm.ppf(0.1)) / 0.1
         alpha = (away - tail * sigma[:, None]).min(0)
         radii = 0.5 + np.exp(-2.0 * alpha)
-        np.testing.assert_allclose(portrait.zone.radii, radii, rtol=1e-5)
+        np.testing.assert_allclose(seen.zone.radii, radii, rtol=1e-5)
         clear = (np.abs(away - radii) > 1e-4).all(1)  # none of these lies on a ball's rim
-        np.testing.assert_array_equal(portrait.zone.selected.numpy()[clear], (away <= radii).any(1)[clear])
+        np.testing.assert_array_equal(seen.zone.selected.numpy()[clear], (away <= radii).any(1)[clear])
 
 
 def test_a_snapshots_risk_is_that_of_the_known_free_cells(done):
     record = done.record("single")
-    portrait = study.snapshot(record).portraits[0]
+    robot = study.snapshot(record).robots[0]
     robot = record.robots[0]
-    ground = portrait.belief.occupancy  # the known part
+    ground = robot.belief.occupancy  # the known part
     free = ground.log_odds < 0
     assert free.sum() == (robot.ground.log_odds < 0).sum()
-    np.testing.assert_array_equal(np.isfinite(portrait.risk), free)
+    np.testing.assert_array_equal(np.isfinite(robot.risk), free)
     cell = np.argwhere(free)[17]
     center = np.array(ground.lattice.origin) + (cell + 0.5) * ground.lattice.cell
     expected = risk.field(robot.local.splats, torch.from_numpy(center[None]), 0.1)
-    assert portrait.risk[tuple(cell)] == pytest.approx(float(expected), abs=1e-6)
+    assert robot.risk[tuple(cell)] == pytest.approx(float(expected), abs=1e-6)
 
 
 def test_a_robot_at_its_goal_plans_nothing(done):
     record = done.record("distributed")
     first, second = record.cycles
     record = dataclasses.replace(record, cycles=(first, at_goal(second, 0, suggestions=())))
-    portrait = study.snapshot(record, 1).portraits[0]
-    assert portrait.path.shape == (0, 2)
-    assert portrait.view is None
-    assert portrait.zone is None
+    robot = study.snapshot(record, 1).robots[0]
+    assert robot.path.shape == (0, 2)
+    assert robot.view is None
+    assert robot.zone is None
     assert study.midway(record) == 0  # only then were both under way
 
 

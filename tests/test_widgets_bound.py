@@ -67,8 +67,8 @@ def test_a_rendering_of_everything_cut_by_owner_is_the_joint_bar(explorer):
     whole = objective.pooled(beliefs)
     zone = objective.zone(whole, np.linspace(values["viewer"], bound._GOAL, 6), bound._CONFIG)
     pose = geometry.yaw_pose(np.array(values["viewer"]), values["yaw"])
-    told = information.fisher(splats.union(*(b.splats for b in beliefs)), bound._CAMERA, pose)
-    worth = (told / (whole.prior + information.damping(2))).sum(1)
+    acquired = information.fisher(splats.union(*(b.splats for b in beliefs)), bound._CAMERA, pose)
+    worth = (acquired / (whole.prior + information.damping(2))).sum(1)
     terms = torch.where(zone.selected, zone.weights * worth, 0.0).split([b.splats.n_splats for b in beliefs])
     panels, _ = explorer.picture(**values)
     assert np.allclose(bars(panels[1])[1], [float(term.sum()) for term in terms], rtol=1e-4)
@@ -100,10 +100,10 @@ def test_each_robot_knows_of_its_map_what_its_own_look_told_and_a_joint_prior_wh
     beliefs, everything = bound._team((0.5, -1.0), 0.9)
     looks = [geometry.yaw_pose(np.array([-2.6, -0.2]), 0.0), geometry.yaw_pose(np.array([0.5, -1.0]), 0.9)]
     for j, (belief, both) in enumerate(zip(beliefs, everything, strict=True)):
-        told = [information.fisher(belief.splats, bound._CAMERA, look) for look in looks]
-        assert torch.allclose(belief.prior, told[j], rtol=1e-4, atol=1e-3)
-        assert torch.allclose(both, told[0] + told[1], rtol=1e-4, atol=1e-3)
-        assert (both.sum() - told[j].sum()) > 0.01 * told[j].sum()
+        acquired = [information.fisher(belief.splats, bound._CAMERA, look) for look in looks]
+        assert torch.allclose(belief.prior, acquired[j], rtol=1e-4, atol=1e-3)
+        assert torch.allclose(both, acquired[0] + acquired[1], rtol=1e-4, atol=1e-3)
+        assert (both.sum() - acquired[j].sum()) > 0.01 * acquired[j].sum()
 
 
 def test_by_the_papers_definition_no_hand_breaks_it(explorer, rng):

@@ -35,7 +35,7 @@ def of_kind(panel, kind):
     return [item for item in panel["items"] if item["kind"] == kind]
 
 
-def told(position, yaw):
+def acquired(position, yaw):
     """Fisher (157, 9) of one view, from the dense renderer."""
     view = geometry.yaw_pose(torch.tensor(position, dtype=torch.float64), float(yaw))
     return information.fisher(ROOM.to(torch.float64), CAMERA, view, method="dense").numpy()
@@ -43,9 +43,9 @@ def told(position, yaw):
 
 def paid(robot, yaw, before=(), near=False, times=1.0):
     """What each splat adds to Eq. (15), term by term."""
-    known = sum((told(module._SEEN_FROM, look) for look in before), np.zeros((ROOM.n_splats, 9)))
+    known = sum((acquired(module._SEEN_FROM, look) for look in before), np.zeros((ROOM.n_splats, 9)))
     v = module._weights(True).numpy() if near else np.ones(ROOM.n_splats)
-    return (v[:, None] * told(robot, yaw) / (known + times * LAMBDA)).sum(1)
+    return (v[:, None] * acquired(robot, yaw) / (known + times * LAMBDA)).sum(1)
 
 
 @pytest.mark.parametrize(

@@ -40,12 +40,12 @@ def handle(panel) -> dict:
 
 
 def test_at_whole_cycles_the_robots_stand_and_look_as_the_record_says(kept):
-    film = Playback(kept)
+    playback = Playback(kept)
     for k, robot in enumerate(kept[-1].robots):
         for number, log in enumerate(kept[-1].logs(k)):
-            trail, here, yaw = film.stand(float(number), k)
+            trail, here, yaw = playback.stand(float(number), k)
             assert np.allclose(here, log.position) and yaw == log.yaw and np.array_equal(trail[-1], here)
-        trail, here, yaw = film.stand(float(len(kept[-1].cycles)), k)
+        trail, here, yaw = playback.stand(float(len(kept[-1].cycles)), k)
         assert (
             np.allclose(here, robot.position)
             and yaw == robot.yaw
@@ -54,9 +54,9 @@ def test_at_whole_cycles_the_robots_stand_and_look_as_the_record_says(kept):
 
 
 def test_between_two_cycles_a_robot_is_on_its_way_and_faces_along_it(kept):
-    film, robot = Playback(kept), kept[-1].robots[0]
+    playback, robot = Playback(kept), kept[-1].robots[0]
     starts = [log.position for log in kept[-1].logs(0)[:2]]
-    trail, here, yaw = film.stand(0.5, 0)
+    trail, here, yaw = playback.stand(0.5, 0)
     assert min(np.linalg.norm(here - starts[0]), np.linalg.norm(here - starts[1])) > 0.1
     a, b = robot.trail[:-1], robot.trail[1:]
     share = np.clip(((here - a) * (b - a)).sum(1) / ((b - a) ** 2).sum(1), 0, 1)
@@ -64,16 +64,16 @@ def test_between_two_cycles_a_robot_is_on_its_way_and_faces_along_it(kept):
     on = int(np.argmin(away))
     assert away[on] < 1e-9 and len(trail) == on + 2
     assert math.cos(yaw - math.atan2(*(b - a)[on][::-1])) > 1 - 1e-9
-    driven = np.linalg.norm(np.diff(film.stand(1.0, 0)[0], axis=0), axis=1).sum()
+    driven = np.linalg.norm(np.diff(playback.stand(1.0, 0)[0], axis=0), axis=1).sum()
     assert np.linalg.norm(np.diff(trail, axis=0), axis=1).sum() == pytest.approx(driven / 2, rel=0.1)
 
 
 def test_the_map_is_that_of_the_cycle_where_records_of_every_cycle_are_given(kept):
-    film = Playback(kept)
+    playback = Playback(kept)
     for number, cycle in enumerate(kept[-1].cycles):
         for k, log in enumerate(cycle.robots):
-            assert film.belief(number, k).splats.n_splats == log.splats + log.guests
-            assert film.ground(number, k) is kept[number].robots[k].ground
+            assert playback.belief(number, k).splats.n_splats == log.splats + log.guests
+            assert playback.ground(number, k) is kept[number].robots[k].ground
     panels, says = shown(widgets.player(kept), cycle=1.0, robot=1)
     log = kept[-1].cycles[1].robots[1]
     (ellipses,) = (item for item in panels[0]["items"] if item["kind"] == "ellipses")
@@ -109,24 +109,24 @@ def test_the_probe_reads_the_robots_map_and_the_true_distance(kept, place):
 
 
 def test_the_curves_are_those_of_the_record(kept):
-    film, last = Playback(kept), kept[-1]
-    done = film.measured("way to the goal done [%]")
+    playback, last = Playback(kept), kept[-1]
+    done = playback.measured("way to the goal done [%]")
     assert done.shape == (4, 2) and np.all(done[0] == 0)
     for k, robot in enumerate(last.robots):
         left = np.linalg.norm(robot.position - robot.goal) / np.linalg.norm(robot.trail[0] - robot.goal)
         assert done[-1, k] == pytest.approx(100 - 100 * left)
-    sent = film.measured("sent so far [kB]")
+    sent = playback.measured("sent so far [kB]")
     assert np.all(sent[0] == 0) and np.all(np.diff(sent, axis=0) >= 0)
     assert 1000 * sent[-1] == pytest.approx([last.ledger.sent_by(k) for k in range(2)])
     assert 1000 * sent[1].sum() == pytest.approx(last.ledger.by_cycle()[0])
-    best = film.measured("gain, share of the team's best [%]")[:, 0]
+    best = playback.measured("gain, share of the team's best [%]")[:, 0]
     share = last.cycles[0].team_gain / last.cycles[0].best_gain
     assert np.all(best <= 100 + 1e-6) and best[0] == pytest.approx(100 * share)
     path, splats = last.cycles[1].robots[0].path, kept[1].robots[0].belief().splats
-    assert film.measured("α on its way [m]")[1, 0] == pytest.approx(
+    assert playback.measured("α on its way [m]")[1, 0] == pytest.approx(
         np.mean([brute_force(splats, p) for p in path]), rel=1e-4
     )
-    psnr = film.measured("PSNR of its map [dB]")
+    psnr = playback.measured("PSNR of its map [dB]")
     assert psnr.shape == (3, 2) and np.all(psnr[-1] > psnr[0])  # scored along the same way
 
 

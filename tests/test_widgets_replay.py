@@ -1,4 +1,4 @@
-"""The replay of an episode in space: its lean record, its reel, what stands on the canvas, against the run itself."""
+"""The replay of an episode in space: its record without maps, its recording, and the canvas, against the run itself."""
 
 import dataclasses
 import math
@@ -14,7 +14,7 @@ from mannbv.camera import Camera
 from mannbv.config import PRESETS
 from mannbv.course import widgets
 from mannbv.course.widgets.playback import Playback
-from mannbv.course.widgets.recording import Recording, lean
+from mannbv.course.widgets.recording import Recording, without_maps
 from mannbv.grid import FREE, OCCUPIED, UNKNOWN
 
 CONFIG = PRESETS[3]["quick"].replace(
@@ -36,7 +36,7 @@ def kept(place):
 
 
 @pytest.fixture(scope="module")
-def reel(kept, place):
+def recording(kept, place):
     return Recording.of(kept, place)
 
 
@@ -55,15 +55,15 @@ def camera_and_pose(log):
     return Camera.from_fov(16, 16, CONFIG.fov), pose
 
 
-# ---- the reel ------------------------------------------------------------------------------------------------------
+# ---- the recording --------------------------------------------------------------------------------------------------
 
 
-def test_the_first_picture_is_the_sensors_and_the_others_are_its_own_maps_before_and_after(kept, reel, place):
-    assert reel.views.shape == (3, 2, 3, 16, 16, 3) and reel.psnr.shape == (3, 2, 2)
+def test_the_first_picture_is_the_sensors_and_the_others_are_its_own_maps_before_and_after(kept, recording, place):
+    assert recording.views.shape == (3, 2, 3, 16, 16, 3) and recording.psnr.shape == (3, 2, 2)
     for cycle in range(3):
         for k, log in enumerate(kept[2].cycles[cycle].robots):
             camera, pose = camera_and_pose(log)
-            seen, before, after = reel.views[cycle, k] / 255
+            seen, before, after = recording.views[cycle, k] / 255
             assert np.abs(seen - place.sense(camera, pose).color.numpy()).max() < 0.003
             drawn = render.render(kept[cycle].robots[k].local.splats, camera, pose, method="dense").color.clamp(0, 1)
             assert np.abs(after - drawn.numpy()).mean() < 0.01
@@ -71,56 +71,58 @@ def test_the_first_picture_is_the_sensors_and_the_others_are_its_own_maps_before
                 drawn = render.render(kept[cycle - 1].robots[k].local.splats, camera, pose, method="dense").color
                 assert np.abs(before - drawn.clamp(0, 1).numpy()).mean() < 0.01
             else:
-                assert (before == 1).all() and np.isnan(reel.psnr[0, k, 0])
+                assert (before == 1).all() and np.isnan(recording.psnr[0, k, 0])
 
 
-def test_psnr_is_that_of_the_pictures(reel):
+def test_psnr_is_that_of_the_pictures(recording):
     for cycle, k, which in ((0, 0, 1), (1, 0, 0), (2, 1, 0), (2, 1, 1)):
-        seen, picture = reel.views[cycle, k, [0, which + 1]] / 255
-        assert reel.psnr[cycle, k, which] == pytest.approx(-10 * math.log10(((picture - seen) ** 2).mean()), abs=0.4)
+        seen, picture = recording.views[cycle, k, [0, which + 1]] / 255
+        assert recording.psnr[cycle, k, which] == pytest.approx(
+            -10 * math.log10(((picture - seen) ** 2).mean()), abs=0.4
+        )
 
 
-def test_the_ground_is_that_of_the_robot_after_the_cycle(kept, reel):
+def test_the_ground_is_that_of_the_robot_after_the_cycle(kept, recording):
     like = kept[-1].robots[0].ground
     for cycle in range(3):
         for k in range(2):
-            ground = reel.ground(cycle, k, like)
+            ground = recording.ground(cycle, k, like)
             assert np.array_equal(ground.state, kept[cycle].robots[k].ground.state) and ground.lattice is like.lattice
-    assert set(np.unique(reel.state)) == {UNKNOWN, FREE, OCCUPIED}
+    assert set(np.unique(recording.state)) == {UNKNOWN, FREE, OCCUPIED}
 
 
-def test_a_reel_is_read_as_it_was_written_but_for_jpeg(reel, tmp_path):
-    reel.save(tmp_path / "reel.npz")
-    again = Recording.load(tmp_path / "reel.npz")
-    assert np.array_equal(again.state, reel.state) and np.array_equal(again.psnr, reel.psnr, equal_nan=True)
-    ours, theirs = (each.views.reshape(18, -1).astype(float) for each in (reel, again))
+def test_a_recording_is_read_as_it_was_written_but_for_jpeg(recording, tmp_path):
+    recording.save(tmp_path / "recording.npz")
+    again = Recording.load(tmp_path / "recording.npz")
+    assert np.array_equal(again.state, recording.state) and np.array_equal(again.psnr, recording.psnr, equal_nan=True)
+    ours, theirs = (each.views.reshape(18, -1).astype(float) for each in (recording, again))
     apart = np.abs(ours[:, None] - theirs).mean(-1)
     assert apart.diagonal().max() < 16
     assert (apart.diagonal() < apart.min(0) + 1).all()  # no picture has taken another's place
-    assert (tmp_path / "reel.npz").stat().st_size < 0.7 * (reel.views.nbytes + reel.state.nbytes / 4)
+    assert (tmp_path / "recording.npz").stat().st_size < 0.7 * (recording.views.nbytes + recording.state.nbytes / 4)
 
 
 @pytest.mark.parametrize("spoil", ["nothing", "junk", "another archive", "cut"])
-def test_what_is_no_reel_is_named_in_one_line(reel, tmp_path, spoil):
-    path = tmp_path / "reel.npz"
+def test_what_is_no_recording_is_named_in_one_line(recording, tmp_path, spoil):
+    path = tmp_path / "recording.npz"
     if spoil == "junk":
         path.write_text("junk")
     elif spoil == "another archive":
         np.savez(path, shape=[1, 2])
     elif spoil == "cut":
-        reel.save(path)
+        recording.save(path)
         path.write_bytes(path.read_bytes()[:2000])
-    with pytest.raises(ValueError, match=r"reel\.npz: no reel \(.*tools/records\.py") as caught:
+    with pytest.raises(ValueError, match=r"recording\.npz: no recording \(.*tools/records\.py") as caught:
         Recording.load(path)
     assert "\n" not in str(caught.value) and "pickle" not in str(caught.value)
 
 
-# ---- the lean record -----------------------------------------------------------------------------------------------
+# ---- the record without maps ----------------------------------------------------------------------------------------
 
 
-def test_a_lean_record_keeps_all_but_maps_and_images(kept, tmp_path):
-    whole, path = kept[-1], tmp_path / "lean.npz"
-    lean(whole).save(path)
+def test_a_record_without_maps_keeps_all_but_maps_and_images(kept, tmp_path):
+    whole, path = kept[-1], tmp_path / "without_maps.npz"
+    without_maps(whole).save(path)
     again = episode.load(path)
     assert again.rows == whole.rows and again.ledger.rows == whole.ledger.rows and again.config == whole.config
     for ours, theirs in zip(again.robots, whole.robots, strict=True):
@@ -134,64 +136,66 @@ def test_a_lean_record_keeps_all_but_maps_and_images(kept, tmp_path):
     assert path.stat().st_size < (tmp_path / "whole.npz").stat().st_size / 5
 
 
-# ---- on the canvas -------------------------------------------------------------------------------------------------
+# ---- on the canvas --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("given", ["records", "files"])
-def test_pictures_and_ground_are_those_of_the_cycle_and_the_robot(kept, reel, tmp_path, given, place):
-    record = lean(kept[-1])
+def test_pictures_and_ground_are_those_of_the_cycle_and_the_robot(kept, recording, tmp_path, given, place):
+    record = without_maps(kept[-1])
     if given == "files":
-        record.save(tmp_path / "lean.npz")
-        reel.save(tmp_path / "reel.npz")
-        explorer = widgets.replay(tmp_path / "lean.npz", str(tmp_path / "reel.npz"))
-        reel = Recording.load(tmp_path / "reel.npz")
+        record.save(tmp_path / "without_maps.npz")
+        recording.save(tmp_path / "recording.npz")
+        explorer = widgets.replay(tmp_path / "without_maps.npz", str(tmp_path / "recording.npz"))
+        recording = Recording.load(tmp_path / "recording.npz")
     else:
-        explorer = widgets.replay(record, reel, place)
+        explorer = widgets.replay(record, recording, place)
     for time, robot in ((0.0, 0), (1.4, 1), (3.0, 0)):
         cycle = min(int(time), 2)
         (plan, *views, chart), says = shown(explorer, cycle=time, robot=robot)
-        assert [np.array_equal(pixels(v), reel.views[cycle, robot, k]) for k, v in enumerate(views)] == [True] * 3
+        assert [np.array_equal(pixels(v), recording.views[cycle, robot, k]) for k, v in enumerate(views)] == [True] * 3
         blocked = (pixels(plan) == 0x8A).all(-1)  # the plan's first row is its highest y
-        assert np.array_equal(blocked, (reel.state[cycle, robot] == OCCUPIED).T[::-1])
+        assert np.array_equal(blocked, (recording.state[cycle, robot] == OCCUPIED).T[::-1])
         log = kept[-1].cycles[cycle].robots[robot]
         assert f"cycle {cycle}, robot {robot} {log.status}, {log.splats:,} splats" in says
         assert chart["title"] == "splats in the own map [1]" and "nan" not in says
 
 
-def test_agreed_and_lonely_yaw_are_told_in_degrees(kept, reel, place):
-    _, says = shown(widgets.replay(kept[-1], reel, place), cycle=1.0, robot=1)
+def test_agreed_and_lonely_yaw_are_told_in_degrees(kept, recording, place):
+    _, says = shown(widgets.replay(kept[-1], recording, place), cycle=1.0, robot=1)
     log = kept[-1].cycles[1].robots[1]
     numbers = re.search(r"looks next along (\S+)°, alone (\S+)°; .* to (\d+) dB before and to (\d+) dB after", says)
-    expected = [math.degrees(log.chosen), math.degrees(log.announced), *reel.psnr[1, 1]]
+    expected = [math.degrees(log.chosen), math.degrees(log.announced), *recording.psnr[1, 1]]
     assert [float(n) for n in numbers.groups()] == pytest.approx(expected, abs=0.51)
 
 
-def test_a_slider_that_has_added_up_to_a_whole_cycle_is_there(kept, reel, place):
-    _, says = shown(widgets.replay(kept[-1], reel, place), cycle=1.0 - 1e-12)
+def test_a_slider_that_has_added_up_to_a_whole_cycle_is_there(kept, recording, place):
+    _, says = shown(widgets.replay(kept[-1], recording, place), cycle=1.0 - 1e-12)
     assert says.startswith("cycle 1,")
 
 
-def test_the_true_plan_takes_the_place_of_the_ground(kept, reel, place):
-    explorer = widgets.replay(kept[-1], reel, place)
+def test_the_true_plan_takes_the_place_of_the_ground(kept, recording, place):
+    explorer = widgets.replay(kept[-1], recording, place)
     (plan, *_), _ = shown(explorer, layer="true plan")
     lines = [item for item in plan["items"] if item["kind"] == "line"]
     assert not [item for item in plan["items"] if item["kind"] == "image"]
     assert len(lines) > len(world.load("flat").seen.ends)
 
 
-def test_a_robot_at_its_goal_looks_nowhere_next(kept, reel, place):
+def test_a_robot_at_its_goal_looks_nowhere_next(kept, recording, place):
     ended = (*kept[-1].cycles[:2], at_goal(kept[-1].cycles[2], 0))
-    _, says = shown(widgets.replay(dataclasses.replace(kept[-1], cycles=ended), reel, place), cycle=3.0)
+    _, says = shown(widgets.replay(dataclasses.replace(kept[-1], cycles=ended), recording, place), cycle=3.0)
     assert "reached" in says and "looks next" not in says
 
 
-def test_a_reel_of_another_episode_is_refused(kept, reel, place):
-    other = dataclasses.replace(reel, state=reel.state[:2], views=reel.views[:2], psnr=reel.psnr[:2])
+def test_a_recording_of_another_episode_is_refused(kept, recording, place):
+    other = dataclasses.replace(
+        recording, state=recording.state[:2], views=recording.views[:2], psnr=recording.psnr[:2]
+    )
     with pytest.raises(ValueError, match="the record has cycles, robots and cells"):
         widgets.replay(kept[-1], other, place)
 
 
-# ---- the player, in space ------------------------------------------------------------------------------------------
+# ---- the player, in space -------------------------------------------------------------------------------------------
 
 
 def test_the_player_serves_records_of_space(kept, place):

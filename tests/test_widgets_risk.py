@@ -92,8 +92,8 @@ def test_the_line_names_the_culprit_and_the_nearest_if_that_is_another(explorer,
         if dashed:
             others += 1
             assert points(dashed[0])[1] == pytest.approx(centers[nearest], abs=1e-6)
-            told = f"the {NAMES[nearest]} one at {mean[nearest]:.2f} m, alone gives {alone[nearest]:.2f} m"
-            assert says.endswith(told)
+            words = f"the {NAMES[nearest]} one at {mean[nearest]:.2f} m, alone gives {alone[nearest]:.2f} m"
+            assert says.endswith(words)
     assert others >= 1
 
 

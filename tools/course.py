@@ -49,8 +49,8 @@ def empty(source: str) -> str:
     if not functions:
         raise ValueError("it defines no function my_...; only such functions are emptied")
     for node in functions:
-        told = node.body[:1] if ast.get_docstring(node) else []
-        node.body = [*told, ast.Expr(ast.Constant(...))]
+        docstring = node.body[:1] if ast.get_docstring(node) else []
+        node.body = [*docstring, ast.Expr(ast.Constant(...))]
     stubs = [ast.unparse(node) + "  # your turn" for node in functions]
     return "\n\n\n".join(["\n".join(imports)] * bool(imports) + stubs)
 

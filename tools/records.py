@@ -1,6 +1,6 @@
 """Make the records that notebook 15 reads, below notebooks/records.
 
-    python tools/records.py episode                  15_episode.npz and 15_reel.npz: five robots drive once, minutes
+    python tools/records.py episode                  15_episode.npz, 15_recording.npz: five robots drive once, minutes
     python tools/records.py evaluation FOLDER...     15_evaluation.npz: from folders of `compare`, in 3-D and the plane
     --out DIR: another folder
 
@@ -28,7 +28,7 @@ import torch
 from mannbv import episode, metrics, risk, splats, team, world
 from mannbv.camera import Camera
 from mannbv.config import PRESETS
-from mannbv.course.widgets.recording import Recording, lean
+from mannbv.course.widgets.recording import Recording, without_maps
 from mannbv.lab import study
 from mannbv.world import SceneError, World
 
@@ -38,12 +38,12 @@ WAYPOINTS = 4000  # of a building, at most
 DIGITS = 6  # of a score
 
 
-def film(out: Path) -> None:
-    """Run the episode and write its lean record and its reel."""
+def record_episode(out: Path) -> None:
+    """Run the episode and write its record without maps and its recording."""
     place, kept = world.load(SCENE, dim=3), []
     record = episode.run(place, STRATEGY, PRESETS[3]["quick"], progress=kept.append)
-    lean(record).save(out / "15_episode.npz")
-    Recording.of(kept, place).save(out / "15_reel.npz")
+    without_maps(record).save(out / "15_episode.npz")
+    Recording.of(kept, place).save(out / "15_recording.npz")
 
 
 def evaluation(folders: list[Path], out: Path) -> None:
@@ -147,7 +147,7 @@ def main(argv: list[str] | None = None) -> int:
         parser.error("an evaluation needs the folders that compare wrote, an episode none")
     try:
         asked.out.mkdir(parents=True, exist_ok=True)
-        film(asked.out) if asked.what == "episode" else evaluation(asked.folders, asked.out)
+        record_episode(asked.out) if asked.what == "episode" else evaluation(asked.folders, asked.out)
     except (OSError, ValueError, SceneError) as error:
         print(error, file=sys.stderr)
         return 2

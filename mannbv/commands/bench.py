@@ -39,7 +39,7 @@ def run(arguments) -> int:
 
     with tqdm(total=len(bench.STAGES), file=sys.stderr, disable=None, bar_format="{desc} |{bar}| {elapsed}") as bar:
 
-        def tell(done: int, stage: str, line: str) -> None:
+        def show(done: int, stage: str, line: str) -> None:
             bar.n = done
             bar.set_description_str(stage)
             if line:
@@ -47,7 +47,7 @@ def run(arguments) -> int:
                 sys.stdout.flush()
 
         try:
-            bench.run(bench.QUICK if arguments.quick else bench.FULL, keep, tell)
+            bench.run(bench.QUICK if arguments.quick else bench.FULL, keep, show)
         except (KeyboardInterrupt, SystemError) as error:
             if not interrupted(error):
                 raise

@@ -69,9 +69,9 @@ def run(arguments) -> int:
         print(f"{place.name}: {note}", file=sys.stderr)
     out = Path(arguments.out or f"out/compare-{Path(place.name).name}" + "-3d" * (place.dim == 3))  # or "../here"
     n_strategies = len(set(strategies or team.STRATEGIES))
-    with study.ProgressBar() as meter:
+    with study.ProgressBar() as bar:
         outcome = study.compare(
-            place, strategies, arguments.seeds, arguments.robots, config, out, arguments.workers, meter
+            place, strategies, arguments.seeds, arguments.robots, config, out, arguments.workers, bar
         )
     results = outcome.results
     if results["rows"]:

@@ -84,11 +84,11 @@ def lessons(folder: Path) -> list[Lesson]:
 
 
 def grade(
-    folder: Path, out: Path, course: Path = COURSE, limit: float = 120.0, tell: Callable[[str], object] | None = None
+    folder: Path, out: Path, course: Path = COURSE, limit: float = 120.0, report: Callable[[str], object] | None = None
 ) -> tuple[list[list[dict]], int]:
     """Grade every notebook below `folder` into the table `out`, and return the rows of each copy.
 
-    limit: what a copy may take in all [s]. tell: is told a line on each copy, as soon as it is graded. The second
+    limit: what a copy may take in all [s]. report: is given a line on each copy, as soon as it is graded. The second
     number counts the copies left alone, graded before with the same content. `out` is replaced whole after every copy,
     so that an interruption loses no more than the copy under way. Its rows go by the
     copies' paths, so name the folder alike each time. Raises ValueError for a limit, folder or table that cannot be.
@@ -111,9 +111,9 @@ def grade(
             if rows is not table.get(name):
                 table[name] = rows
                 write_table(out, table)
-            if tell:
+            if report:
                 with bar.external_write_mode():
-                    tell(f"{name:{width}}  {score(rows)}")
+                    report(f"{name:{width}}  {score(rows)}")
     return [table[_plain(path.as_posix())] for path in paths], kept
 
 
@@ -264,8 +264,8 @@ def _may_take(limit: float) -> str:
 
 def _error(cell) -> str:
     """The error that a cell ended in, on one line; "" for none."""
-    told = next((f"{o.ename}: {o.evalue}" for o in cell.get("outputs", ()) if o.output_type == "error"), "")
-    return re.sub(r"\(\d+\.py, (line \d+)\)", r"(\1)", told)  # the kernel's name for a cell says nothing
+    error = next((f"{o.ename}: {o.evalue}" for o in cell.get("outputs", ()) if o.output_type == "error"), "")
+    return re.sub(r"\(\d+\.py, (line \d+)\)", r"(\1)", error)  # the kernel's name for a cell says nothing
 
 
 def _cells(raw: bytes, path: Path) -> list[dict]:

@@ -295,7 +295,7 @@ def examine(checks: Sequence[Check]) -> Iterator[Finding]:
             )
 
 
-def tell(names: Sequence[str]) -> None:
+def print_findings(names: Sequence[str]) -> None:
     """In the second process: examine the checks so named, each finding a line of JSON."""
     for name in names:
         print(MARK + json.dumps(name), flush=True)
@@ -307,7 +307,7 @@ def examine_apart(checks: Sequence[Check]) -> Iterator[Finding]:
     """As `examine`, in a process of its own each time one has crashed: the checks behind it are still made."""
     names = [check.__name__ for check in checks]
     while names:
-        code = f"from mannbv import doctor; doctor.tell({names})"
+        code = f"from mannbv import doctor; doctor.print_findings({names})"
         try:
             done = subprocess.run(
                 [sys.executable, "-c", code], capture_output=True, text=True, errors="replace", timeout=PATIENCE

@@ -22,6 +22,6 @@ class Canvas(anywidget.AnyWidget):
         """Show panels in place of what is there, in one stroke."""
         self.picture = {"panels": panels, "says": says, "step": self.picture.get("step", 0) + 1}
 
-    def on_move(self, heard: Callable[[dict], None]) -> None:
-        """Call heard({"name", "x", "y", "along"}) whenever a handle was moved, x and y in its panel's units."""
-        self.on_msg(lambda _canvas, move, _buffers: heard(move))
+    def on_move(self, callback: Callable[[dict], None]) -> None:
+        """Call callback({"name", "x", "y", "along"}) whenever a handle was moved, x and y in its panel's units."""
+        self.on_msg(lambda _canvas, move, _buffers: callback(move))

@@ -59,7 +59,7 @@ def _room() -> SplatMap:
 
 @functools.cache
 def _prior(before):
-    """What the views along the yaws `before` told."""
+    """What the views along the yaws `before` have told."""
     return information.prior(_room(), _CAMERA, [geometry.yaw_pose(_SEEN_FROM, yaw) for yaw in before])
 
 
@@ -77,10 +77,12 @@ def _weights(near):
 def _picture(robot, yaw, before, near, times):
     room, prior, weights, damping = _room(), _prior(before), _weights(near), times * information.damping(2)
     profile = information.yaw_profile(room, _CAMERA, np.array(robot), prior, weights, damping=damping)
-    told = information.fisher(room, _CAMERA, geometry.yaw_pose(np.array(robot), yaw)).requires_grad_()
-    gain = information.gain(told, prior, weights, damping=damping)
-    (worth,) = torch.autograd.grad(gain, told)  # (15) is linear in what the view tells: a splat pays row times slope
-    pays = (told * worth).sum(1).detach().numpy()
+    acquired = information.fisher(room, _CAMERA, geometry.yaw_pose(np.array(robot), yaw)).requires_grad_()
+    gain = information.gain(acquired, prior, weights, damping=damping)
+    (worth,) = torch.autograd.grad(
+        gain, acquired
+    )  # (15) is linear in what the view tells: a splat pays row times slope
+    pays = (acquired * worth).sum(1).detach().numpy()
     gain = gain.item()
     payers = int(np.searchsorted(np.cumsum(-np.sort(-pays)), 0.9 * pays.sum())) + 1 if gain > 0 else 0
     best = float(profile.gains.max())

@@ -1,4 +1,4 @@
-"""A reel: what an episode looked like, small enough to travel with a notebook; beside it a record without maps."""
+"""A recording: what an episode looked like, small enough to travel with a notebook; beside it a record without maps."""
 
 import dataclasses
 import io
@@ -23,7 +23,7 @@ from mannbv.world import World
 
 VIEWS = ("what it sees", "its map before", "its map after")
 _QUALITY = 80  # of JPEG
-_DIGITS = 4  # of metres and radians in a lean record
+_DIGITS = 4  # of metres and radians in a record without maps
 
 
 @dataclass(frozen=True)
@@ -41,17 +41,17 @@ class Recording:
 
     @staticmethod
     def of(records: Sequence[Record], place: World) -> "Recording":
-        """The reel of a 3-D episode from its records after every cycle, as `episode.run` gives them to `progress`."""
+        """From the records of a 3-D episode after every cycle, as `episode.run` gives them to `progress`."""
         records = [record for record in records if not record.finished]
         config = records[-1].config
         camera = Camera.from_fov(config.image_width, config.image_height, config.fov)
         state, views, psnr = [], [], []
         for number, record in enumerate(records):
-            crew = records[number - 1].robots if number else [None] * record.n_robots
+            robots = records[number - 1].robots if number else [None] * record.n_robots
             state.append([robot.ground.state for robot in record.robots])
             looks = [
                 _looks(log, before, after, place, camera, config.max_depth)
-                for log, before, after in zip(record.cycles[number].robots, crew, record.robots, strict=True)
+                for log, before, after in zip(record.cycles[number].robots, robots, record.robots, strict=True)
             ]
             views.append([pictures for pictures, _ in looks])
             psnr.append([scores for _, scores in looks])
@@ -63,7 +63,7 @@ class Recording:
         return Occupancy(like.lattice, np.where(state == UNKNOWN, 0, np.where(state == OCCUPIED, 1, -1)).astype("f4"))
 
     def save(self, path) -> None:
-        """Write the reel (.npz without pickle): grounds as packed bits, views as one sheet, a JPEG."""
+        """Write the recording (.npz without pickle): grounds as packed bits, views as one sheet, a JPEG."""
         c, n, _, h, w, _ = self.views.shape
         sheet = self.views.transpose(0, 3, 1, 2, 4, 5).reshape(c * h, n * len(VIEWS) * w, 3)
         jpeg = io.BytesIO()
@@ -77,7 +77,7 @@ class Recording:
 
     @staticmethod
     def load(path) -> "Recording":
-        """Read a reel. Raises ValueError for anything else."""
+        """Read a recording. Raises ValueError for anything else."""
         try:
             if not zipfile.is_zipfile(path):  # numpy would advise to trust it
                 raise zipfile.BadZipFile("no .npz archive, or cut short")
@@ -89,22 +89,22 @@ class Recording:
             views = sheet.reshape(c, h, n, len(VIEWS), w, 3).transpose(0, 2, 3, 1, 4, 5)
         except (zipfile.BadZipFile, OSError, KeyError, ValueError, TypeError) as error:
             raise ValueError(
-                f"{path}: no reel ({str(error).splitlines()[0]}); make it anew with tools/records.py"
+                f"{path}: no recording ({str(error).splitlines()[0]}); make it anew with tools/records.py"
             ) from None
         return Recording(np.where(known, np.where(solid, OCCUPIED, 0), UNKNOWN).astype(np.int8), views, psnr)
 
 
-def lean(record: Record) -> Record:
+def without_maps(record: Record) -> Record:
     """The record without maps, images and guests, places to a tenth of a millimetre: a hundredth of the bytes.
 
     What happened, who went where, the grounds, every byte sent and the scores stay.
     """
-    robots = tuple(_lean_robot(robot) for robot in record.robots)
+    robots = tuple(_without_map(robot) for robot in record.robots)
     cycles = tuple(CycleLog.from_json(_rounded(log.to_json())) for log in record.cycles)
     return dataclasses.replace(record, robots=robots, cycles=cycles, finished=True)
 
 
-def _lean_robot(robot: Robot) -> Robot:
+def _without_map(robot: Robot) -> Robot:
     dim = robot.local.splats.dim
     local, ground = LocalMap.empty(dim, information.n_parameters(dim)), robot.ground
     ground = Occupancy(ground.lattice, np.sign(ground.log_odds))

@@ -11,7 +11,7 @@ from mannbv.config import PRESETS
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.playback import Playback
-from mannbv.course.widgets.player import chart_panel, crew, key
+from mannbv.course.widgets.player import chart_panel, team_items, key
 from mannbv.course.widgets.recording import VIEWS, Recording
 from mannbv.course.widgets.settings import Choice, Range
 from mannbv.team import RobotLog
@@ -21,29 +21,31 @@ _LAYERS = ("ground it knows", "true plan")
 _SIDE, _LEFT, _TOP = 118, 470, 40  # [px] of a picture, and where the first one stands
 
 
-def replay(record=None, reel=None, place=None) -> Explorer:
+def replay(record=None, recording=None, place=None) -> Explorer:
     """Play an episode of space: all ways, and one robot's ground, plan, view and pictures.
 
-    record: an `episode.Record`, with or without maps, or a file of one; reel: its `Recording` or a file of one. By
+    record: an `episode.Record`, with or without maps, or a file of one; recording: its `Recording` or a file of one. By
     default a team of two is run once, some seconds. place: the World, where `world.load` does not know the scene by
     its name.
     Raises ValueError where the two do not belong together; what `episode.load` and `Recording.load` raise.
     """
     if record is None:
-        record, reel, place = _small_team()
+        record, recording, place = _small_team()
     record = episode.load(record) if isinstance(record, (str, os.PathLike)) else record
-    reel = Recording.load(reel) if isinstance(reel, (str, os.PathLike)) else reel
+    recording = Recording.load(recording) if isinstance(recording, (str, os.PathLike)) else recording
     asked = len(record.cycles), record.n_robots, *record.robots[0].ground.lattice.shape
-    if reel.state.shape != asked:
-        raise ValueError(f"replay: the record has cycles, robots and cells {asked}, the reel {reel.state.shape}")
-    film = Playback(record, place)
+    if recording.state.shape != asked:
+        raise ValueError(
+            f"replay: the record has cycles, robots and cells {asked}, the recording {recording.state.shape}"
+        )
+    playback = Playback(record, place)
     return Explorer(
-        functools.partial(_picture, film, reel),
+        functools.partial(_picture, playback, recording),
         {
-            "cycle": Range("cycle", 0, len(film.cycles), 0.0, 0.05, play=900),
+            "cycle": Range("cycle", 0, len(playback.cycles), 0.0, 0.05, play=900),
             "robot": Choice("robot", tuple(range(record.n_robots)), 0),
             "layer": Choice("shown", _LAYERS, _LAYERS[0]),
-            "chart": Choice("over time", tuple(film.measures), "splats in the own map [1]"),
+            "chart": Choice("over time", tuple(playback.measures), "splats in the own map [1]"),
         },
         size=(860, 400),
     )
@@ -57,18 +59,20 @@ def _small_team():
     return record, Recording.of(kept, place), place
 
 
-def _picture(film: Playback, reel: Recording, cycle, robot, layer, chart):
-    number = min(int(cycle + 1e-6), len(film.cycles) - 1)  # sliders add up 0.05
-    log, like = film.log(number, robot), film.last.robots[robot].ground
-    under = items.walls(film.place) if layer == "true plan" else [items.ground(reel.ground(number, robot, like))]
-    lower, upper = film.place.seen.lower - 0.2, film.place.seen.upper + 0.2
+def _picture(playback: Playback, recording: Recording, cycle, robot, layer, chart):
+    number = min(int(cycle + 1e-6), len(playback.cycles) - 1)  # sliders add up 0.05
+    log, like = playback.log(number, robot), playback.last.robots[robot].ground
+    under = (
+        items.walls(playback.place) if layer == "true plan" else [items.ground(recording.ground(number, robot, like))]
+    )
+    lower, upper = playback.place.seen.lower - 0.2, playback.place.seen.upper + 0.2
     plan = items.plan(
-        (50, 45, 360, 300), lower, upper, under + crew(film, cycle, number, robot),
+        (50, 45, 360, 300), lower, upper, under + team_items(playback, cycle, number, robot),
         title=f"robot {robot}: {layer}", legend=key(robot),
     )  # fmt: skip
-    pictures = [_view(pixels, k) for k, pixels in enumerate(reel.views[number, robot])]
-    below = chart_panel(film, cycle, robot, chart, (_LEFT + 35, _TOP + _SIDE + 65, 340, 120))
-    before, after = reel.psnr[number, robot]
+    pictures = [_view(pixels, k) for k, pixels in enumerate(recording.views[number, robot])]
+    below = chart_panel(playback, cycle, robot, chart, (_LEFT + 35, _TOP + _SIDE + 65, 340, 120))
+    before, after = recording.psnr[number, robot]
     says = f"cycle {number}, robot {robot} {log.status}, {log.splats:,} splats; {_degrees(log)}"
     seen = f"its map shows what it sees {'not at all' if math.isnan(before) else f'to {before:.0f} dB'} before"
     return [plan, *pictures, below], f"{says}{seen} and to {after:.0f} dB after mapping it"

@@ -39,10 +39,10 @@ def first() -> dict[str, float]:
 
 
 def memory(n_splats: str, size: str) -> dict[str, float | None]:
-    """The peak of this process [B] after a rendering with gradients and its information; None where none is told."""
-    from mannbv.lab.bench import stages
+    """The peak of this process [B] after a rendering with gradients and its information; None if unknown."""
+    from mannbv.lab.bench.calls import whole_calls
 
-    for call in stages.whole_calls(int(n_splats), int(size)):
+    for call in whole_calls(int(n_splats), int(size)):
         call()
     return {"peak": _peak()}
 

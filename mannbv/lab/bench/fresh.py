@@ -43,16 +43,16 @@ def first(count: int, cold: bool) -> Iterator[Result]:
     yield _first("first.warm", f"{what}, kernels compiled", [ask("first") for _ in range(count)], began)
     if cold:
         with tempfile.TemporaryDirectory() as empty:
-            told = [ask("first", NUMBA_CACHE_DIR=empty)]
-        yield _first("first.cold", f"{what}, nothing compiled yet", told, load())
-        later = tuple(one["backward"] + one["fisher"] for one in told)
+            measured = [ask("first", NUMBA_CACHE_DIR=empty)]
+        yield _first("first.cold", f"{what}, nothing compiled yet", measured, load())
+        later = tuple(one["backward"] + one["fisher"] for one in measured)
         yield Result("first.cold.rest", "and then the first gradient and the first Fisher", "s", later, load=load())
 
 
-def _first(key: str, title: str, told: list[dict], began: float | None) -> Result:
-    best = {f"best_{name}_s": min(one[name] for one in told) for name in told[0]}
-    total = tuple(one["torch"] + one["mannbv"] + one["render"] for one in told)
-    return Result(key, title, "s", total, tuple(one["cpu"] for one in told), load=began, facts=best)
+def _first(key: str, title: str, measured: list[dict], began: float | None) -> Result:
+    best = {f"best_{name}_s": min(one[name] for one in measured) for name in measured[0]}
+    total = tuple(one["torch"] + one["mannbv"] + one["render"] for one in measured)
+    return Result(key, title, "s", total, tuple(one["cpu"] for one in measured), load=began, facts=best)
 
 
 def memory(n_splats: int, size: int) -> Iterator[Result]:

@@ -18,6 +18,7 @@ from mannbv.config import Config
 from mannbv.kernels.space import blend, projection
 from mannbv.kernels.space.tiles import TILE
 from mannbv.lab.bench import fresh, rivals, scenes
+from mannbv.lab.bench.calls import whole_calls
 from mannbv.lab.bench.sides import Scale, Side, agree, compare
 from mannbv.lab.bench.timing import Result, threads
 from mannbv.render import space
@@ -27,20 +28,6 @@ from mannbv.splats import SplatMap
 STEPS = 30 * 5  # gradient steps that a yaw profile replaces: rounds of agreement times steps of a primal update
 WHOLE = ("forward", "backward", "fisher")
 _CALLED = ("forward", "forward and gradient", "Fisher, its forward pass included")
-
-
-def gradient(splat_map: SplatMap, camera, pose, method: str = "auto") -> tuple[Tensor, ...]:
-    """Gradients of the sum of every colour and depth by every field."""
-    leaves = [part.detach().clone().requires_grad_() for part in splat_map.tensors()]
-    drawn = render.render(SplatMap(*leaves), camera, pose, method)
-    (drawn.color.sum() + drawn.depth.sum()).backward()
-    return tuple(leaf.grad for leaf in leaves)
-
-
-def whole_calls(n_splats: int, size: int, method: str = "auto") -> list[Callable[[], object]]:
-    """Forward, forward and gradient, Fisher of a room in space, from its parameters."""
-    view = scenes.room(n_splats, 3), *scenes.view(size, 3)
-    return [partial(call, *view, method=method) for call in (render.render, gradient, information.fisher)]
 
 
 def _size(n_splats: int, size: int, dim: int) -> str:

@@ -1,4 +1,4 @@
-"""The whole run: stage after stage, each result told and kept as it comes, so that an interrupted run loses little."""
+"""The whole run: stage after stage, each result shown and kept as it comes, so that an interruption loses little."""
 
 import os
 import platform
@@ -15,23 +15,23 @@ from mannbv.lab.bench.targets import TARGETS
 from mannbv.lab.bench.timing import Result, load
 
 
-def run(scale: Scale, keep: Callable[[dict], None], tell: Callable[[int, str, str], None]) -> None:
+def run(scale: Scale, keep: Callable[[dict], None], show: Callable[[int, str, str], None]) -> None:
     """Measure everything.
 
     keep(report) is called after every result with all there are so far, and at the end. report: {"mannbv", "machine",
-    "complete", "load", "results", "targets"}, see `Result.row` and `Target.judged`. tell(stages done, the one at work,
+    "complete", "load", "results", "targets"}, see `Result.row` and `Target.judged`. show(stages done, the one at work,
     a line) is called as a stage begins and after every result. Raises ValueError if a rival's answer is not ours.
     """
     results: list[Result] = []
     began = load()
     for done, (name, stage) in enumerate(STAGES.items()):
-        tell(done, name, "")
+        show(done, name, "")
         for result in stage(scale):
             results.append(result)
             keep(_report(results, began, False))
-            tell(done, name, str(result))
+            show(done, name, str(result))
     keep(_report(results, began, True))
-    tell(len(STAGES), "done", "")
+    show(len(STAGES), "done", "")
 
 
 def _report(results: list[Result], began: float | None, complete: bool) -> dict:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mannbv.lab.bench.timing import Result, told
+from mannbv.lab.bench.timing import Result, with_unit
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,8 @@ def verdict(judged: dict) -> str:
     if judged["measured"] is None:
         return f"target  {judged['title']}: not measured this time"
     words = [
-        f"{name} {sign} {told(bound, judged['unit'])}: {'yes' if met else 'no'}" for name, bound, met in bounds if bound
+        f"{name} {sign} {with_unit(bound, judged['unit'])}: {'yes' if met else 'no'}"
+        for name, bound, met in bounds
+        if bound
     ]
-    return f"target  {judged['title']}: {told(judged['measured'], judged['unit'])}; {', '.join(words)}"
+    return f"target  {judged['title']}: {with_unit(judged['measured'], judged['unit'])}; {', '.join(words)}"

@@ -46,13 +46,13 @@ class Result:
     def __str__(self) -> str:
         low, high = np.percentile(self.samples, [25, 75])
         count = len(self.samples)
-        text = f"{self.title}: {told(self.median, self.unit)}"
+        text = f"{self.title}: {with_unit(self.median, self.unit)}"
         if count > 1:
-            text += f" ({told(low, self.unit)} to {told(high, self.unit)} in half of {count} rounds)"
+            text += f" ({with_unit(low, self.unit)} to {with_unit(high, self.unit)} in half of {count} rounds)"
         if self.cpu:
-            text += f", CPU {told(float(np.median(self.cpu)), self.unit)}"
+            text += f", CPU {with_unit(float(np.median(self.cpu)), self.unit)}"
         if self.ratio:
-            text += f", {told(np.median(self.ratio), 'times')} {self.beside}"
+            text += f", {with_unit(np.median(self.ratio), 'times')} {self.beside}"
         return text
 
 
@@ -62,7 +62,7 @@ _PREFIXES = {
 }
 
 
-def told(value: float, unit: str) -> str:
+def with_unit(value: float, unit: str) -> str:
     """A number in words: seconds and bytes with the prefix that suits them."""
     sizes = _PREFIXES.get(unit, ((1.0, unit),))
     size, name = next((pair for pair in sizes if value >= pair[0]), sizes[-1])

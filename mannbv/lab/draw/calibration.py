@@ -40,7 +40,7 @@ def _points(ax: Axes, found: Calibration, kind: int, limits: tuple[float, float]
     ax.plot(limits, limits, color=INK, linewidth=1)
     x, y = found.alpha.value[kind], found.clearance.value[kind]
     _bars(ax, x, y, found.clearance.low[kind], found.clearance.high[kind], color, mark, "mean of a bin")
-    rank = _told(found.rank.value[kind], found.rank.low[kind], found.rank.high[kind])
+    rank = _estimate(found.rank.value[kind], found.rank.low[kind], found.rank.high[kind])
     ax.set_title(f"{name}\nrank correlation {rank}", loc="left", fontsize=9.5)
     ax.annotate("nearer than foretold", (0.97, 0.04), xycoords="axes fraction", ha="right", color=INK, fontsize=8)
     ax.set_xlim(limits)
@@ -69,5 +69,5 @@ def _bars(ax: Axes, x, y, low, high, color, mark: dict, label: str) -> None:
     ax.errorbar(x, y, ends, linestyle="none", color=color, capsize=2.5, label=label, **mark)
 
 
-def _told(value, low, high) -> str:
+def _estimate(value, low, high) -> str:
     return f"{value:.2f} ({low:.2f} to {high:.2f})" if np.isfinite(low) else f"{value:.2f}"

@@ -22,7 +22,7 @@ _PANELS = (
 
 def compare_figure(results: dict, record: Record, world) -> Figure:
     """Left: the plan and the ways taken in `record`; right: all strategies of `results`; below: the robots' beliefs."""
-    shot, whole = study.snapshot(record), team.explored(record, world)
+    snapshot, whole = study.snapshot(record), team.explored(record, world)
     plan_height = min(4.2, 6.2 * whole.aspect)
     plan_width, top = plan_height / whole.aspect, 0.8
     below = top + plan_height + 0.55
@@ -43,9 +43,9 @@ def compare_figure(results: dict, record: Record, world) -> Figure:
             row, column = divmod(k, 2)
             spot = left + column * (width + 0.4), top + row * (tall + _GAP), width, tall
             scores(placed(made, *spot), results, *panel, shown=record.strategy, named=column == 0)
-        team.beliefs(made, shot, whole, below, record.config)
+        team.beliefs(made, snapshot, whole, below, record.config)
         dots = "seeds, bars 95 % intervals (an arrow: it goes on)" if several else "robots"
-        team.key(made, f"Upper right: diamonds are means, dots {dots}. {team.shown(record, shot)}")
+        team.key(made, f"Upper right: diamonds are means, dots {dots}. {team.shown(record, snapshot)}")
     return made
 
 

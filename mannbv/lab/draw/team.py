@@ -64,7 +64,7 @@ def team_figure(record: Record, world, config: Config | None = None, cycle: int 
     config: with other constants than the record's own; cycle: see `study.snapshot`.
     """
     record = record if config is None else dataclasses.replace(record, config=config)
-    shot, whole = study.snapshot(record, cycle), explored(record, world)
+    snapshot, whole = study.snapshot(record, cycle), explored(record, world)
     plan_height = min(4.2, 6.2 * whole.aspect)
     plan_width, top = plan_height / whole.aspect, _HEAD + _TITLE
     below = top + plan_height + 0.55
@@ -78,10 +78,10 @@ def team_figure(record: Record, world, config: Config | None = None, cycle: int 
         trails(placed(made, _LEFT, top, plan_width, plan_height), record, world, whole, "Ways taken")
         left = _LEFT + plan_width + 1.1
         width = (WIDTH - left - 0.3 - 0.75) / 2
-        approach(placed(made, left, top, width, plan_height), record, shot.cycle)
-        growth(placed(made, left + width + 0.75, top, width, plan_height), record, shot.cycle)
-        beliefs(made, shot, whole, below, record.config)
-        key(made, shown(record, shot))
+        approach(placed(made, left, top, width, plan_height), record, snapshot.cycle)
+        growth(placed(made, left + width + 0.75, top, width, plan_height), record, snapshot.cycle)
+        beliefs(made, snapshot, whole, below, record.config)
+        key(made, shown(record, snapshot))
     return made
 
 
@@ -151,10 +151,10 @@ def headline(made: Figure, text: str) -> None:
     made.text(_LEFT / WIDTH, 1 - 0.18 / made.get_figheight(), text, fontsize=13, va="top", color=INK, weight="bold")
 
 
-def shown(record: Record, shot: Snapshot) -> str:
-    """Which moment the beliefs show."""
+def shown(record: Record, snapshot: Snapshot) -> str:
+    """Of which cycle the beliefs are."""
     return (
-        f"Lower rows ({record.strategy}): paths, masked zones and views as planned in cycle {shot.cycle + 1} of "
+        f"Lower rows ({record.strategy}): paths, masked zones and views as planned in cycle {snapshot.cycle + 1} of "
         f"{len(record.cycles)}, on the maps and with the risk of the end.\n{heights(record)}"
     ).strip()
 
@@ -203,19 +203,19 @@ def _panel_width() -> float:
     return (WIDTH - _LEFT - _RIGHT - (_COLUMNS - 1) * _GAP) / _COLUMNS
 
 
-def beliefs(made: Figure, shot: Snapshot, whole: Window, top, config: Config) -> None:
+def beliefs(made: Figure, snapshot: Snapshot, whole: Window, top, config: Config) -> None:
     """Two panels a robot, five robots a row: its risk field, and its belief around its path."""
     width = _panel_width()
     height = width * whole.aspect
-    known = np.concatenate([p.risk[np.isfinite(p.risk)] for p in shot.portraits])
+    known = np.concatenate([p.risk[np.isfinite(p.risk)] for p in snapshot.robots])
     low, high = (min(0.0, np.quantile(known, 0.01)), np.quantile(known, 0.995)) if len(known) else (0.0, 1.0)
-    for k, portrait in enumerate(shot.portraits):
+    for k, robot in enumerate(snapshot.robots):
         row, column = divmod(k, _COLUMNS)
         left = _LEFT + column * (width + _GAP)
         above = top + row * beliefs_height(1, whole) + _TITLE
-        near = closeup(portrait, whole.aspect)
+        near = closeup(robot, whole.aspect)
         ax = placed(made, left, above, width, height)
-        image = fear(ax, portrait, float(low), float(high), near)
+        image = risk_panel(ax, robot, float(low), float(high), near)
         whole.on(ax)
         if column:
             ax.tick_params(labelleft=False)
@@ -223,11 +223,11 @@ def beliefs(made: Figure, shot: Snapshot, whole: Window, top, config: Config) ->
         else:
             _row_name(made, "risk α", above, height)
             _row_name(made, "belief", above + height + _AXIS, height)
-            right = _LEFT + min(len(shot.portraits), _COLUMNS) * (width + _GAP) - _GAP
+            right = _LEFT + min(len(snapshot.robots), _COLUMNS) * (width + _GAP) - _GAP
             bar = made.colorbar(image, cax=placed(made, right + 0.12, above, 0.14, height), extend="both")
             bar.set_label("α, AV@R distance [m]")
         ax = placed(made, left, above + height + _AXIS, width, height)
-        belief(ax, portrait, config)
+        belief(ax, robot, config)
         near.on(ax)
         scale_bar(ax, near)
 
@@ -238,42 +238,42 @@ def _row_name(made: Figure, name: str, top, height) -> None:
     )
 
 
-def fear(ax: Axes, portrait: RobotSnapshot, low: float, high: float, near: Window):
+def risk_panel(ax: Axes, robot: RobotSnapshot, low: float, high: float, near: Window):
     """The risk field over the ground that a robot knows, its path, and a frame around what the belief panel shows."""
-    lattice = portrait.belief.occupancy.lattice
-    image = parts.risk(ax, portrait.risk, lattice, low, high)
-    parts.path(ax, portrait.path.reshape(-1, len(portrait.position)), "white", linewidth=1.4)
+    lattice = robot.belief.occupancy.lattice
+    image = parts.risk(ax, robot.risk, lattice, low, high)
+    parts.path(ax, robot.path.reshape(-1, len(robot.position)), "white", linewidth=1.4)
     ax.add_patch(
         Rectangle(near.lower, *near.size, fill=False, edgecolor=INK, linewidth=0.8, linestyle=(0, (4, 2)), zorder=5)
     )
-    badge(ax, portrait.position, portrait.index, 9)
-    title = f"robot {portrait.index}: {portrait.belief.splats.n_splats:,} splats"
-    ax.set_title(title, loc="left", color=robot_color(portrait.index), weight="bold", fontsize=9)
+    badge(ax, robot.position, robot.index, 9)
+    title = f"robot {robot.index}: {robot.belief.splats.n_splats:,} splats"
+    ax.set_title(title, loc="left", color=robot_color(robot.index), weight="bold", fontsize=9)
     return image
 
 
-def belief(ax: Axes, portrait: RobotSnapshot, config: Config) -> None:
+def belief(ax: Axes, robot: RobotSnapshot, config: Config) -> None:
     """A robot's map around its path: the masked zone and its splats, the chosen view, and what others suggest.
 
     In 3-D, from above: the splats that its body could meet.
     """
-    color = robot_color(portrait.index)
-    parts.ground(ax, portrait.belief.occupancy)
-    shown = risk.in_reach(portrait.belief.splats, portrait.position[2:], config)
+    color = robot_color(robot.index)
+    parts.ground(ax, robot.belief.occupancy)
+    shown = risk.in_reach(robot.belief.splats, robot.position[2:], config)
     chosen = torch.zeros_like(shown)
-    if portrait.zone is not None:
-        parts.zone(ax, portrait.path, portrait.zone.radii, color)
-        chosen = portrait.zone.selected
-    parts.splats(ax, portrait.belief.splats.select(shown & ~chosen), opacity=0.35).set_rasterized(
+    if robot.zone is not None:
+        parts.zone(ax, robot.path, robot.zone.radii, color)
+        chosen = robot.zone.selected
+    parts.splats(ax, robot.belief.splats.select(shown & ~chosen), opacity=0.35).set_rasterized(
         True
     )  # not ten thousand shapes in .svg
-    parts.splats(ax, portrait.belief.splats.select(shown & chosen), edge=INK).set_rasterized(True)
-    parts.path(ax, portrait.path.reshape(-1, len(portrait.position)), color)
-    if portrait.view is not None:
-        for mate, yaw, _ in portrait.suggestions:
-            ray(ax, portrait.view, yaw, robot_color(mate), length=1.05)
-        parts.view(ax, portrait.view, portrait.chosen, length=0.8, color=color)
-    badge(ax, portrait.position, portrait.index, 10)
+    parts.splats(ax, robot.belief.splats.select(shown & chosen), edge=INK).set_rasterized(True)
+    parts.path(ax, robot.path.reshape(-1, len(robot.position)), color)
+    if robot.view is not None:
+        for mate, yaw, _ in robot.suggestions:
+            ray(ax, robot.view, yaw, robot_color(mate), length=1.05)
+        parts.view(ax, robot.view, robot.chosen, length=0.8, color=color)
+    badge(ax, robot.position, robot.index, 10)
     ax.set_xticks([])
     ax.set_yticks([])
     ax.set_xlabel("")
@@ -289,11 +289,11 @@ def ray(ax: Axes, place, yaw, color, length) -> None:
     ax.plot(ends[:, 0], ends[:, 1], color=color, linewidth=1.6, zorder=6, path_effects=HALO)
 
 
-def closeup(portrait: RobotSnapshot, aspect) -> Window:
+def closeup(robot: RobotSnapshot, aspect) -> Window:
     """The window around a robot's path and view."""
-    points = [portrait.position[:2], *portrait.path[:, :2]]
-    if portrait.view is not None:
-        points += [portrait.view[:2] - 1.0, portrait.view[:2] + 1.0]
+    points = [robot.position[:2], *robot.path[:, :2]]
+    if robot.view is not None:
+        points += [robot.view[:2] - 1.0, robot.view[:2] + 1.0]
     points = np.array(points)
     middle, half = (points.min(0) + points.max(0)) / 2, np.maximum((points.max(0) - points.min(0)) / 2 + 0.7, 1.6)
     return Window(middle - half, middle + half).shaped(aspect)

@@ -42,9 +42,9 @@ def bytes_tables(results: dict) -> list[Table]:
 def exchange_table(results: dict) -> Table:
     """Bytes of one message, by strategy and kind: what one exchange on one link is, as in the paper's Table II."""
     sums = {}
-    for told in results["episodes"]:
-        for kind, (count, n_bytes) in told["messages"].items():
-            key = told["strategy"], kind.lower()
+    for entry in results["episodes"]:
+        for kind, (count, n_bytes) in entry["messages"].items():
+            key = entry["strategy"], kind.lower()
             before = sums.get(key, (0, 0))
             sums[key] = before[0] + count, before[1] + n_bytes
     rows = [(s, kind, f"{n:,}", f"{b / n:,.0f}", digits(b * _KB)) for (s, kind), (n, b) in sums.items()]
@@ -68,17 +68,17 @@ def exchange_table(results: dict) -> Table:
 
 def growth_table(results: dict) -> Table:
     """Centralized: every robot's splats at some cycles and what one uplink of all maps takes (Tables III and V)."""
-    told = next((entry for entry in results["episodes"] if entry["strategy"] == "centralized"), None)
+    entry = next((entry for entry in results["episodes"] if entry["strategy"] == "centralized"), None)
     rows, notes = [], (missing(results, "centralized") or "No cycle was run.",)
-    if told is not None and told["cycles"]:
-        for c in picked(told["cycles"]):
-            counts, sent = told["splats"][c], told["bytes_by_cycle"][c]
+    if entry is not None and entry["cycles"]:
+        for c in picked(entry["cycles"]):
+            counts, sent = entry["splats"][c], entry["bytes_by_cycle"][c]
             uplink = messages.centralized_bytes(counts, results["dim"]) * _MIB
             rows.append((f"cycle {c + 1}", *_counted(counts), digits(uplink), digits(sent * _MB), NONE))
         each = messages.centralized_bytes([1], results["dim"])
         widest = results["config"].get("share_scale", 0.0)
         notes = (
-            f"Seed {told['seed']}; maps are sent again in every cycle. One uplink: {each} B for each of their splats.",
+            f"Seed {entry['seed']}; maps are sent again in every cycle. One uplink: {each} B for each of their splats.",
             "Really sent: every message of that cycle on every link, priors and grids included"
             + (f"; no splat wider than {widest:g} m." if widest else "."),
         )
@@ -124,16 +124,16 @@ def team_tables(several: list[dict]) -> list[Table]:
 
 def _team_table(group: list[dict]) -> Table:
     first, dim = group[0], group[0]["dim"]
-    told = {}  # (team size, strategy) → its first episode
+    firsts = {}  # (team size, strategy) → its first episode
     for results in group:
         for entry in results["episodes"]:
             if entry["strategy"] in ("centralized", "limited") and entry["cycles"]:
-                told.setdefault((results["robots"], entry["strategy"]), entry)
-    step = (min((entry["cycles"] for entry in told.values()), default=1) - 1) // 2
-    sizes = sorted({size for size, _ in told} | set(paper.TEAMS))
+                firsts.setdefault((results["robots"], entry["strategy"]), entry)
+    step = (min((entry["cycles"] for entry in firsts.values()), default=1) - 1) // 2
+    sizes = sorted({size for size, _ in firsts} | set(paper.TEAMS))
     rows = []
     for size in sizes:
-        central, limited = told.get((size, "centralized")), told.get((size, "limited"))
+        central, limited = firsts.get((size, "centralized")), firsts.get((size, "limited"))
         splats = central["splats"][step] if central else None
         prints = paper.TEAMS.get(size)
         rows.append((
@@ -151,12 +151,12 @@ def _team_table(group: list[dict]) -> Table:
         ("paper", "centralized", "[MB]"), ("paper", "limited", "[MB]"),
     )  # fmt: skip
     notes = []
-    if told:
+    if firsts:
         notes.append(f"Planning cycle {step + 1} of every run (its first seed), half way through the shortest.")
         codec = first["config"].get("codec", "json")
         notes.append(f"Limited, really sent: splats with ids and priors, no more than needed, written in {codec}.")
     notes.append("The paper's limited column is N(N−1)·25 kB, but for ten robots: 2.150 where that is 2.25.")
-    lacking = [size for size in paper.TEAMS if not {(size, "centralized"), (size, "limited")} & set(told)]
+    lacking = [size for size in paper.TEAMS if not {(size, "centralized"), (size, "limited")} & set(firsts)]
     if lacking:
         notes.append(f"More rows: {_command(first, lacking)}")
     title = f"Shared data against team size: {setting(first['scene'], dim)} (the paper's Table VI)"
@@ -181,13 +181,13 @@ def missing(results: dict, strategy: str | None = None) -> str:
 
 def time_table(results: dict) -> Table:
     """Seconds of a planning cycle of the whole team, by stage: the mean over cycles and seeds."""
-    stages = list(dict.fromkeys(stage for told in results["episodes"] for stage in told["seconds"]))
+    stages = list(dict.fromkeys(stage for entry in results["episodes"] for stage in entry["seconds"]))
     rows = []
-    for strategy in dict.fromkeys(told["strategy"] for told in results["episodes"]):
-        mine = [told for told in results["episodes"] if told["strategy"] == strategy]
-        cycles = sum(told["cycles"] for told in mine)
+    for strategy in dict.fromkeys(entry["strategy"] for entry in results["episodes"]):
+        mine = [entry for entry in results["episodes"] if entry["strategy"] == strategy]
+        cycles = sum(entry["cycles"] for entry in mine)
         if cycles:
-            spent = [sum(told["seconds"].get(stage, 0.0) for told in mine) / cycles for stage in stages]
+            spent = [sum(entry["seconds"].get(stage, 0.0) for entry in mine) / cycles for stage in stages]
             rows.append((strategy, f"{cycles:,}", *map(digits, spent), digits(sum(spent))))
     heads = (("", "strategy"), ("cycles", "[1]"), *((stage, "[s]") for stage in stages), ("all", "[s]"))
     notes = ("All robots of the team one after another in one process, whatever else the machine was doing.",)

@@ -94,8 +94,8 @@ def _orders(results: dict, keys: tuple, printed: dict) -> list[str]:
         ours = {s: metrics[key]["mean"] for s, metrics in results["summary"].items() if key in metrics}
         theirs = {s: scores[column] for s, scores in means.items() if column < len(scores)}
         lines.append(f"By {name}, best first: ours {order(ours, sign, decimals)};")
-        told = f"mean of four buildings {order(theirs, sign, 2)}" if theirs else "tables have no such score"
-        lines.append(f"  the paper's {told}.")
+        ranked = f"mean of four buildings {order(theirs, sign, 2)}" if theirs else "tables have no such score"
+        lines.append(f"  the paper's {ranked}.")
     return lines
 
 

@@ -146,8 +146,8 @@ def _plain(cell: str) -> str:
 
 def as_csv(*several: dict) -> str:
     """The rows of results, one robot a line, with all columns that any row has."""
-    told = ("scene", "dim", "robots")
-    rows = [{key: results[key] for key in told} | row for results in several for row in results["rows"]]
+    about = ("scene", "dim", "robots")
+    rows = [{key: results[key] for key in about} | row for results in several for row in results["rows"]]
     columns = list(dict.fromkeys(key for row in rows for key in row))
     return _written([columns, *([row.get(key) for key in columns] for row in rows)])
 

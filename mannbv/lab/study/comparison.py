@@ -22,19 +22,19 @@ class Progress:
     """Where a study stands: the robots of a team, and how far each episode is, by (strategy, seed)."""
 
     n_robots: int
-    ticks: dict[tuple[str, int], EpisodeProgress] = field(default_factory=dict)
+    episodes: dict[tuple[str, int], EpisodeProgress] = field(default_factory=dict)
 
-    def heard(self, tick: EpisodeProgress) -> "Progress":
+    def updated(self, news: EpisodeProgress) -> "Progress":
         """With news of one episode; a failure keeps what was known of it."""
-        key = tick.strategy, tick.seed
-        if tick.fault is not None:
-            tick = self.ticks[key]._replace(fault=tick.fault)
-        return dataclasses.replace(self, ticks={**self.ticks, key: tick})
+        key = news.strategy, news.seed
+        if news.fault is not None:
+            news = self.episodes[key]._replace(fault=news.fault)
+        return dataclasses.replace(self, episodes={**self.episodes, key: news})
 
     @property
     def share(self) -> float:
         """A guess at how much of the study is done, 0 to 1."""
-        parts = [1.0 if tick.fault else tick.share for tick in self.ticks.values()]
+        parts = [1.0 if each.fault else each.share for each in self.episodes.values()]
         return sum(parts) / len(parts) if parts else 1.0
 
 
@@ -91,16 +91,16 @@ def compare(
     ]
     standing = Progress(n_robots, {(job.strategy, job.seed): EpisodeProgress(job.strategy, job.seed) for job in jobs})
 
-    def watch(tick: EpisodeProgress) -> None:
+    def watch(news: EpisodeProgress) -> None:
         nonlocal standing
-        standing = standing.heard(tick)
+        standing = standing.updated(news)
         if progress is not None:
             progress(standing)
 
     faults = pool.run(jobs, workers, watch)
     for job in jobs:
         if job not in faults:
-            found[job.strategy, job.seed] = _told(episode.load(job.path))
+            found[job.strategy, job.seed] = _entries(episode.load(job.path))
     rows = [row for rows, _ in found.values() for row in rows]
     table = results.assemble(place.name, place.dim, n_robots, config, rows, [entry for _, entry in found.values()])
     if found:
@@ -150,13 +150,13 @@ def _finished(folder: Path, place, n_robots: int, config: Config) -> dict[tuple[
                 f"{folder}: holds another comparison ({other}); choose another --out, or delete it to start afresh"
             )
         if record.finished:
-            found[record.strategy, record.seed] = _told(record)
+            found[record.strategy, record.seed] = _entries(record)
     if not found and (folder / "results.json").exists() and not any(folder.glob("runs/*.npz")):
         raise StudyError(f"{folder}: holds results.json but no runs; choose another --out, or move that file away")
     return found
 
 
-def _told(record: episode.Record) -> tuple[list[dict], dict]:
+def _entries(record: episode.Record) -> tuple[list[dict], dict]:
     return results.rows_of(record), results.episode_of(record)
 
 

@@ -24,12 +24,12 @@ def _is_terminal(stream) -> bool:
 class ProgressBar:
     """Shows a study's progress on a stream (standard error): a bar on a terminal, elsewhere a line an episode.
 
-    Use as `with ProgressBar() as meter: compare(…, progress=meter)`.
+    Use as `with ProgressBar() as bar: compare(…, progress=bar)`.
     """
 
     def __init__(self, stream=None):
         self.stream = sys.stderr if stream is None else stream
-        self._bar, self._began, self._first, self._told = None, time.monotonic(), None, set()
+        self._bar, self._began, self._first, self._printed = None, time.monotonic(), None, set()
 
     def __enter__(self) -> "ProgressBar":
         return self
@@ -44,7 +44,7 @@ class ProgressBar:
         if _is_terminal(self.stream):
             self._draw(progress)
         else:
-            self._tell(progress)
+            self._print(progress)
 
     def left(self, progress: Progress) -> str:
         """The time left as text, from the share done since the start; "" as long as there is nothing to go by."""
@@ -54,29 +54,29 @@ class ProgressBar:
         return "about " + tqdm.format_interval((time.monotonic() - self._began) * (1 - progress.share) / done) + " left"
 
     def _draw(self, progress: Progress) -> None:
-        ticks = progress.ticks.values()
+        episodes = progress.episodes.values()
         if self._bar is None:
             self._bar = tqdm(
-                total=progress.n_robots * len(ticks), file=self.stream, dynamic_ncols=True,
+                total=progress.n_robots * len(episodes), file=self.stream, dynamic_ncols=True,
                 unit="", bar_format="robots at their goals {n_fmt}/{total_fmt} |{bar}| {unit}",
             )  # fmt: skip
-        self._bar.n = sum(tick.at_goal for tick in ticks)
-        over = sum(tick.finished or tick.fault is not None for tick in ticks)
-        cycles = sum(tick.cycles for tick in ticks)
-        words = [f"{cycles} cycles", f"{over}/{len(ticks)} episodes"]
+        self._bar.n = sum(each.at_goal for each in episodes)
+        over = sum(each.finished or each.fault is not None for each in episodes)
+        cycles = sum(each.cycles for each in episodes)
+        words = [f"{cycles} cycles", f"{over}/{len(episodes)} episodes"]
         words += [tqdm.format_interval(time.monotonic() - self._began), self.left(progress)]
         self._bar.unit = ", ".join(filter(None, words))
         self._bar.refresh()
 
-    def _tell(self, progress: Progress) -> None:
-        for key, tick in progress.ticks.items():
-            if key in self._told or not (tick.finished or tick.fault is not None):
+    def _print(self, progress: Progress) -> None:
+        for key, each in progress.episodes.items():
+            if key in self._printed or not (each.finished or each.fault is not None):
                 continue
-            self._told.add(key)
-            words = [f"{tick.at_goal}/{progress.n_robots} robots at their goals, {tick.cycles} cycles"]
-            count, every = len(progress.ticks), max(1, len(progress.ticks) // _LINES)
-            if tick.fault is None and len(self._told) % every and len(self._told) < count:
-                continue  # of many episodes only some are told, and all that fail
-            words = ["failed"] if tick.fault is not None else words
-            words += [f"{len(self._told)}/{count} episodes", self.left(progress)]
-            print(f"{tick.strategy}, seed {tick.seed}: {', '.join(filter(None, words))}", file=self.stream, flush=True)
+            self._printed.add(key)
+            words = [f"{each.at_goal}/{progress.n_robots} robots at their goals, {each.cycles} cycles"]
+            count, every = len(progress.episodes), max(1, len(progress.episodes) // _LINES)
+            if each.fault is None and len(self._printed) % every and len(self._printed) < count:
+                continue  # of many episodes only some are printed, and all that fail
+            words = ["failed"] if each.fault is not None else words
+            words += [f"{len(self._printed)}/{count} episodes", self.left(progress)]
+            print(f"{each.strategy}, seed {each.seed}: {', '.join(filter(None, words))}", file=self.stream, flush=True)

@@ -118,8 +118,8 @@ def gather(paths) -> tuple[list[dict], list[str]]:
             record = episode.load(file)
             if record.finished:
                 dim = record.robots[0].local.splats.dim
-                told = rows_of(record), [episode_of(record)]
-                found.append(assemble(record.scene, dim, record.n_robots, record.config, *told))
+                rows, episodes = rows_of(record), [episode_of(record)]
+                found.append(assemble(record.scene, dim, record.n_robots, record.config, rows, episodes))
             else:
                 left_out.append(f"{file}: not finished ({len(record.cycles)} cycles so far), left out")
     groups = {}
@@ -161,7 +161,7 @@ def _files(path: Path) -> list[Path]:
 def _merge(group: list[dict]) -> dict:
     """One of several results of the same scene, team and constants; a run that is there twice counts once."""
     rows = {(row["strategy"], row["seed"], row["robot"]): row for results in group for row in results["rows"]}
-    episodes = {(told["strategy"], told["seed"]): told for results in group for told in results["episodes"]}
+    episodes = {(entry["strategy"], entry["seed"]): entry for results in group for entry in results["episodes"]}
     about, first = ("scene", "dim", "robots"), group[0]
     merged = assemble(*(first[key] for key in about), Config(), list(rows.values()), episodes.values())
     # as it was written, perhaps by a version with other constants

@@ -39,7 +39,7 @@ class Snapshot:
     """A team in one cycle, numbered from 0."""
 
     cycle: int
-    portraits: tuple[RobotSnapshot, ...]
+    robots: tuple[RobotSnapshot, ...]
 
 
 def midway(record: Record) -> int:
@@ -52,7 +52,7 @@ def midway(record: Record) -> int:
 
 
 def snapshot(record: Record, cycle: int | None = None) -> Snapshot:
-    """Every robot's portrait in a cycle (`midway` by default).
+    """Every robot's snapshot in a cycle (`midway` by default).
 
     A record keeps plans and choices of each cycle, but maps only as they are now: paths, masks and risk are those of
     that cycle's plan on today's maps. Raises ValueError for a cycle that the record does not have.
@@ -61,10 +61,10 @@ def snapshot(record: Record, cycle: int | None = None) -> Snapshot:
     if not 0 <= cycle < len(record.cycles):
         raise ValueError(f"study: the record has cycles 0 to {len(record.cycles) - 1}, not {cycle}")
     log = record.cycles[cycle]
-    return Snapshot(cycle, tuple(_portrait(robot, log, record.config) for robot in record.robots))
+    return Snapshot(cycle, tuple(_robot_snapshot(robot, log, record.config) for robot in record.robots))
 
 
-def _portrait(robot: Robot, log: CycleLog, config: Config) -> RobotSnapshot:
+def _robot_snapshot(robot: Robot, log: CycleLog, config: Config) -> RobotSnapshot:
     belief, own = robot.belief(config), log.robots[robot.index]
     path = np.array(own.path, float).reshape(-1, len(robot.position))
     suggestions = tuple((i, yaw, gain) for i, k, yaw, gain in log.suggestions if k == robot.index)

@@ -55,7 +55,7 @@ class EpisodeProgress(NamedTuple):
     fault: str | None = None
 
 
-def tick(record: Record) -> EpisodeProgress:
+def progress_of(record: Record) -> EpisodeProgress:
     """How far a record is: by the distance that its robots have left, or by the cycles."""
     start = [np.linalg.norm(robot.goal - robot.trail[0]) for robot in record.robots]
     rest = [(robot.status != "reached") * np.linalg.norm(robot.goal - robot.position) for robot in record.robots]
@@ -68,7 +68,7 @@ def tick(record: Record) -> EpisodeProgress:
 
 
 def run(jobs: list[Job], workers: int, watch: Callable[[EpisodeProgress], None]) -> dict[Job, str]:
-    """Run all jobs, `workers` at a time (0: in this process); returns why some failed. `watch` hears every tick."""
+    """Run all jobs, `workers` at a time (0: in this process); returns why some failed. `watch` gets every change."""
     if workers < 0:
         raise ValueError(f"study: workers must be 0 (run in this process) or more, got {workers}")
     for stale in {path for job in jobs for path in job.path.parent.glob(".*.tmp")}:
@@ -90,7 +90,13 @@ def _attempt(job: Job, watch: Callable[[EpisodeProgress], None]) -> str | None:
     try:
         report.unlink(missing_ok=True)
         episode.run(
-            job.place, job.strategy, job.config, job.seed, job.n_robots, job.path, lambda record: watch(tick(record))
+            job.place,
+            job.strategy,
+            job.config,
+            job.seed,
+            job.n_robots,
+            job.path,
+            lambda record: watch(progress_of(record)),
         )
     except (ValueError, OSError) as error:
         return _line(error)

@@ -20,8 +20,8 @@ _MIB, _MB = 2**-20, 1e-6
 
 def growth_figure(record: Record) -> Figure:
     """Above: the global map ⊔ G_i at five cycles; below: its splats, one uplink of them, and the bytes sent so far."""
-    whole, told = team.known(record), study.episode_of(record)
-    picks = study.picked(told["cycles"], _SHOWN)
+    whole, entry = team.known(record), study.episode_of(record)
+    picks = study.picked(entry["cycles"], _SHOWN)
     if not picks:
         raise ValueError(f"{record.scene}, {record.strategy}: no cycle was run yet")
     width = page.column_width(_SHOWN)
@@ -38,15 +38,15 @@ def growth_figure(record: Record) -> Figure:
         )  # fmt: skip
         for k, cycle in enumerate(picks):
             ax = placed(made, LEFT + k * (width + GAP), HEAD + 0.15, width, tall)
-            _map(ax, record, told, cycle, whole)
-        _sizes(placed(made, LEFT + 0.15, below, half, _CURVES), record, told)
-        _sent(placed(made, LEFT + 0.15 + half + 1.95, below, half, _CURVES), told)
+            _map(ax, record, entry, cycle, whole)
+        _sizes(placed(made, LEFT + 0.15, below, half, _CURVES), record, entry)
+        _sent(placed(made, LEFT + 0.15 + half + 1.95, below, half, _CURVES), entry)
     return made
 
 
-def _map(ax: Axes, record: Record, told: dict, cycle: int, whole: Window) -> None:
+def _map(ax: Axes, record: Record, entry: dict, cycle: int, whole: Window) -> None:
     """The global map as it was in a cycle."""
-    counts = told["splats"][cycle]
+    counts = entry["splats"][cycle]
     ground = record.robots[0].ground.merged(*(robot.ground for robot in record.robots[1:]))
     parts.ground(ax, ground)
     held = [
@@ -63,9 +63,9 @@ def _map(ax: Axes, record: Record, told: dict, cycle: int, whole: Window) -> Non
     ax.set_title(title, loc="left", fontsize=10)
 
 
-def _sizes(ax: Axes, record: Record, told: dict) -> None:
+def _sizes(ax: Axes, record: Record, entry: dict) -> None:
     """Splats of every robot, stacked, and on the right the size of one uplink of all maps."""
-    counts = np.array(told["splats"]).T
+    counts = np.array(entry["splats"]).T
     cycles = np.arange(counts.shape[1]) + 1
     names = [f"robot {k}" for k in range(record.n_robots)]
     ax.stackplot(cycles, counts, colors=[robot_color(k) for k in range(record.n_robots)], labels=names, alpha=0.85)
@@ -77,15 +77,15 @@ def _sizes(ax: Axes, record: Record, told: dict) -> None:
     ax.legend(loc="upper left", frameon=False, fontsize=8, ncols=1 + record.n_robots // 6)
 
 
-def _sent(ax: Axes, told: dict) -> None:
+def _sent(ax: Axes, entry: dict) -> None:
     """Bytes since the start."""
-    cycles = np.arange(told["cycles"]) + 1
+    cycles = np.arange(entry["cycles"]) + 1
     curves = (
         ("bytes_by_cycle", "really sent, every link", COLORS[1], "-"),
         ("bytes_paper_by_cycle", "the paper's count: one uplink of each map", INK, "--"),
     )
     for key, name, color, line in curves:
-        ax.plot(cycles, np.cumsum(told[key]) * _MB, color=color, linestyle=line, linewidth=2, label=name)
+        ax.plot(cycles, np.cumsum(entry[key]) * _MB, color=color, linestyle=line, linewidth=2, label=name)
     ax.set_ylabel("sent since the start [MB]")
     _over_cycles(ax, "Bytes of the whole team", cycles)
     ax.legend(loc="upper left", frameon=False)

@@ -18,13 +18,13 @@ _HEAD = 0.55  # inches
 
 def beliefs_figure(record: Record, cycle: int | None = None) -> Figure:
     """Every robot's belief: its risk field above, below its map around the safe path, with its mask and its view."""
-    shot, whole = study.snapshot(record, cycle), team.known(record)
+    snapshot, whole = study.snapshot(record, cycle), team.known(record)
     height = _HEAD + team.beliefs_height(record.n_robots, whole) + KEY_HEIGHT
     with canvas.style():
         made = Figure(figsize=(WIDTH, height))
         team.headline(made, f"{team.scene_of(record)}, {record.strategy}: what {record.n_robots} robots believe")
-        team.beliefs(made, shot, whole, _HEAD, record.config)
-        team.key(made, team.shown(record, shot))
+        team.beliefs(made, snapshot, whole, _HEAD, record.config)
+        team.key(made, team.shown(record, snapshot))
     return made
 
 

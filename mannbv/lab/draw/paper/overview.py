@@ -28,7 +28,7 @@ _NAMES = {
 def overview_figure(record: Record, cycle: int | None = None) -> Figure:
     """One planning cycle (`study.midway` by default) from top to bottom: every robot's own map and plan, the bytes that
     it sent and received, and the view that the team chose for it, beside what teammates suggest."""
-    shot, whole = study.snapshot(record, cycle), team.known(record)
+    snapshot, whole = study.snapshot(record, cycle), team.known(record)
     count = min(record.n_robots, _MOST)
     width = page.column_width(count)
     tall, page_width = width * whole.aspect, max(LEFT + count * (width + GAP) - GAP + RIGHT, 10.5)
@@ -38,35 +38,35 @@ def overview_figure(record: Record, cycle: int | None = None) -> Figure:
         made = page.page(
             page_width, below + tall + 0.15,
             f"{team.scene_of(record)}, {record.strategy}: one planning cycle of {record.n_robots} robots",
-            f"Cycle {shot.cycle + 1} of {len(record.cycles)}{shown}. Upper maps: the oldest splats, as many as then; "
-            "lower maps: those of the end.",
+            f"Cycle {snapshot.cycle + 1} of {len(record.cycles)}{shown}. "
+            "Upper maps: the oldest splats, as many as then; lower maps: those of the end.",
             record, _entries(),
         )  # fmt: skip
         for k in range(count):
             left = LEFT + k * (width + GAP)
-            _own(placed(made, left, HEAD, width, tall), record, shot, k, whole)
+            _own(placed(made, left, HEAD, width, tall), record, snapshot, k, whole)
             ax = placed(made, left, below, width, tall)
-            team.belief(ax, shot.portraits[k], record.config)
-            near = team.closeup(shot.portraits[k], whole.aspect)
+            team.belief(ax, snapshot.robots[k], record.config)
+            near = team.closeup(snapshot.robots[k], whole.aspect)
             near.on(ax)
             team.scale_bar(ax, near)
         page.beside(made, "observe, map, plan", HEAD, tall)
         page.beside(made, "exchange", band, _BAND)
         page.beside(made, "agree on views", below, tall)
         strip = placed(made, LEFT, band, count * (width + GAP) - GAP, _BAND)
-        _traffic(strip, record, shot.cycle, [k * (width + GAP) + width / 2 for k in range(count)])
+        _traffic(strip, record, snapshot.cycle, [k * (width + GAP) + width / 2 for k in range(count)])
     return made
 
 
-def _own(ax: Axes, record: Record, shot: study.Snapshot, k: int, whole: Window) -> None:
+def _own(ax: Axes, record: Record, snapshot: study.Snapshot, k: int, whole: Window) -> None:
     """A robot's private map with its plan."""
-    robot, portrait = record.robots[k], shot.portraits[k]
-    count = record.cycles[shot.cycle].robots[k].splats
+    robot, planned = record.robots[k], snapshot.robots[k]
+    count = record.cycles[snapshot.cycle].robots[k].splats
     parts.ground(ax, robot.ground)
     page.from_above(ax, page.back_then(robot, count), robot.position[2:], record.config)
-    parts.path(ax, portrait.path, robot_color(k))
+    parts.path(ax, planned.path, robot_color(k))
     ax.plot(*robot.goal[:2], "*", color=robot_color(k), markersize=13, markeredgecolor="white", zorder=6)
-    team.badge(ax, portrait.position, k)
+    team.badge(ax, planned.position, k)
     page.bare(ax, whole)
     team.scale_bar(ax, whole)
     title = f"robot {k}: {count:,} splats of its own"
@@ -87,7 +87,7 @@ def _traffic(ax: Axes, record: Record, cycle: int, middles: list[float]) -> None
             ends = {"xy": (x, top - 0.44), "xytext": (x, top)}
             arrow = {"arrowstyle": "-|>", "color": robot_color(k), "linewidth": 2, "shrinkA": 0, "shrinkB": 0}
             ax.annotate("", **ends, arrowprops=arrow)
-            ax.text(x + 0.12, top - 0.2, f"{word} {kilo(n_bytes)}", va="center", color=INK, fontsize=9)
+            ax.text(x + 0.12, top - 0.2, f"{word} {kilobytes(n_bytes)}", va="center", color=INK, fontsize=9)
     box = {"boxstyle": "round,pad=0.45", "facecolor": "#f2f2f2", "edgecolor": "#bbbbbb"}
     ax.text(
         width / 2,
@@ -106,13 +106,13 @@ def _said(ledger: Ledger, columns: int) -> str:
     kinds = ledger.by_kind()
     if not kinds:
         return "nothing is sent: every robot plans alone"
-    words = [f"{_NAMES.get(kind, kind.lower())} {kilo(n_bytes)}" for kind, n_bytes in kinds.items()]
+    words = [f"{_NAMES.get(kind, kind.lower())} {kilobytes(n_bytes)}" for kind, n_bytes in kinds.items()]
     words += [] if "Splats" in kinds else ["no splat, no image"]
     lines = [words[k : k + columns] for k in range(0, len(words), columns)]
     return "\n".join(" · ".join(line) for line in lines)
 
 
-def kilo(n_bytes: int) -> str:
+def kilobytes(n_bytes: int) -> str:
     """Bytes in KB (1000 B), three digits."""
     return f"{report.digits(n_bytes / 1000)} KB"
 

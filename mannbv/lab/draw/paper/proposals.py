@@ -28,9 +28,9 @@ def mask_figure(record: Record, cycle: int | None = None) -> Figure:
 
     Raises ValueError for a record in which no robot suggests a view.
     """
-    cycle, one, other = telling(record, cycle)
-    shot = study.snapshot(record, cycle)
-    pair = shot.portraits[one], shot.portraits[other]
+    cycle, one, other = cycle_and_pair(record, cycle)
+    snapshot = study.snapshot(record, cycle)
+    pair = snapshot.robots[one], snapshot.robots[other]
     aspect, width = 0.85, 4.4
     tall, top = aspect * width, HEAD
     lefts = [LEFT, *(LEFT + width + _BAR + GAP + k * (width + GAP) for k in range(2))]
@@ -52,7 +52,7 @@ def mask_figure(record: Record, cycle: int | None = None) -> Figure:
     return made
 
 
-def telling(record: Record, cycle: int | None = None) -> tuple[int, int, int]:
+def cycle_and_pair(record: Record, cycle: int | None = None) -> tuple[int, int, int]:
     """A cycle near `study.midway` (or the given one) and two robots that suggest views to each other; or, where there
     is no such pair, a robot and one that it gives a view."""
     middle = study.midway(record) if cycle is None else cycle
@@ -71,20 +71,20 @@ def telling(record: Record, cycle: int | None = None) -> tuple[int, int, int]:
     raise ValueError(f"{record.scene}, {record.strategy}: no robot suggests a view; give a distributed or limited run")
 
 
-def _mask(ax: Axes, portrait: RobotSnapshot, record: Record, window: Window) -> ScalarMappable:
+def _mask(ax: Axes, robot: RobotSnapshot, record: Record, window: Window) -> ScalarMappable:
     """A planned path, its balls, and its splats coloured by weight over all others in grey."""
-    zone, splat_map, config = portrait.zone, portrait.belief.splats, record.config
+    zone, splat_map, config = robot.zone, robot.belief.splats, record.config
     scale = ScalarMappable(Normalize(0.0, config.gamma1), mpl.colormaps["viridis"])
-    parts.ground(ax, portrait.belief.occupancy)
-    parts.zone(ax, portrait.path, zone.radii, robot_color(portrait.index))
-    shown = risk.in_reach(splat_map, portrait.position[2:], config)
+    parts.ground(ax, robot.belief.occupancy)
+    parts.zone(ax, robot.path, zone.radii, robot_color(robot.index))
+    shown = risk.in_reach(splat_map, robot.position[2:], config)
     others = page.painted(splat_map.select(~zone.selected), PALE)
-    page.from_above(ax, others, portrait.position[2:], config, opacity=0.35)
+    page.from_above(ax, others, robot.position[2:], config, opacity=0.35)
     inside = shown & zone.selected
     colors = scale.to_rgba(zone.weights[inside].numpy())[:, :3]
     parts.splats(ax, page.painted(splat_map.select(inside), colors)).set_rasterized(True)
-    parts.path(ax, portrait.path, robot_color(portrait.index), linewidth=2.4)
-    team.badge(ax, portrait.position, portrait.index)
+    parts.path(ax, robot.path, robot_color(robot.index), linewidth=2.4)
+    team.badge(ax, robot.position, robot.index)
     page.bare(ax, window)
     team.scale_bar(ax, window)
     return scale
@@ -95,8 +95,8 @@ def _proposals(ax: Axes, record: Record, me: RobotSnapshot, mate: RobotSnapshot,
     robot = record.robots[me.index]
     parts.ground(ax, robot.ground)
     page.from_above(ax, robot.local.splats, robot.position[2:], record.config, opacity=0.8)
-    for portrait in (me, mate):
-        parts.path(ax, portrait.path, robot_color(portrait.index), linestyle=(0, (1, 1.2)) if portrait is mate else "-")
+    for each in (me, mate):
+        parts.path(ax, each.path, robot_color(each.index), linestyle=(0, (1, 1.2)) if each is mate else "-")
     title = f"robot {me.index}'s own map and views"
     parts.view(ax, me.view, me.announced, color=robot_color(me.index), fov=record.config.fov)
     for sender, yaw, gain in mate.suggestions:
