@@ -78,14 +78,14 @@ def team_figure(record: Record, world, config: Config | None = None, cycle: int 
         trails(placed(made, _LEFT, top, plan_width, plan_height), record, world, whole, "Ways taken")
         left = _LEFT + plan_width + 1.1
         width = (WIDTH - left - 0.3 - 0.75) / 2
-        approach(placed(made, left, top, width, plan_height), record, snapshot.cycle)
-        growth(placed(made, left + width + 0.75, top, width, plan_height), record, snapshot.cycle)
+        goal_distances(placed(made, left, top, width, plan_height), record, snapshot.cycle)
+        map_sizes(placed(made, left + width + 0.75, top, width, plan_height), record, snapshot.cycle)
         beliefs(made, snapshot, whole, below, record.config)
         key(made, shown(record, snapshot))
     return made
 
 
-def approach(ax: Axes, record: Record, cycle: int) -> None:
+def goal_distances(ax: Axes, record: Record, cycle: int) -> None:
     """How far every robot is from its goal, in a straight line, at the beginning of each cycle."""
     for robot in record.robots:
         places = [log.position for log in record.logs(robot.index)] + [robot.position]
@@ -94,7 +94,7 @@ def approach(ax: Axes, record: Record, cycle: int) -> None:
     _over_cycles(ax, cycle, "Distance to the goal", "straight distance [m]")
 
 
-def growth(ax: Axes, record: Record, cycle: int) -> None:
+def map_sizes(ax: Axes, record: Record, cycle: int) -> None:
     """How many splats every robot's own map holds at the beginning of each cycle."""
     for robot in record.robots:
         counts = [log.splats for log in record.logs(robot.index)] + [robot.local.splats.n_splats]
