@@ -573,16 +573,16 @@ def test_a_snapshot_is_what_the_cycle_planned_on_the_maps_of_today(done):
 
 def test_a_snapshots_risk_is_that_of_the_known_free_cells(done):
     record = done.record("single")
-    robot = study.snapshot(record).robots[0]
+    seen = study.snapshot(record).robots[0]
     robot = record.robots[0]
-    ground = robot.belief.occupancy  # the known part
+    ground = seen.belief.occupancy  # the known part
     free = ground.log_odds < 0
     assert free.sum() == (robot.ground.log_odds < 0).sum()
-    np.testing.assert_array_equal(np.isfinite(robot.risk), free)
+    np.testing.assert_array_equal(np.isfinite(seen.risk), free)
     cell = np.argwhere(free)[17]
     center = np.array(ground.lattice.origin) + (cell + 0.5) * ground.lattice.cell
     expected = risk.field(robot.local.splats, torch.from_numpy(center[None]), 0.1)
-    assert robot.risk[tuple(cell)] == pytest.approx(float(expected), abs=1e-6)
+    assert seen.risk[tuple(cell)] == pytest.approx(float(expected), abs=1e-6)
 
 
 def test_a_robot_at_its_goal_plans_nothing(done):
