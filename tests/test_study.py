@@ -509,8 +509,8 @@ def story() -> list[study.Progress]:
 def test_the_progress_bar_is_a_bar_on_a_terminal_and_a_line_an_episode_elsewhere(monkeypatch):
     clock = iter(range(0, 10_000, 100))
     monkeypatch.setattr(study.progress.time, "monotonic", lambda: next(clock))
-    lines, bar = io.StringIO(), Terminal()
-    for stream in (lines, bar):
+    lines, terminal = io.StringIO(), Terminal()
+    for stream in (lines, terminal):
         with study.ProgressBar(stream) as bar:
             for progress in story():
                 bar(progress)
@@ -518,8 +518,8 @@ def test_the_progress_bar_is_a_bar_on_a_terminal_and_a_line_an_episode_elsewhere
     assert len(printed) == 2
     assert printed[0].startswith("single, seed 0: 2/2 robots at their goals, 6 cycles, 1/2 episodes, about ")
     assert printed[1] == "single, seed 1: failed, 2/2 episodes"
-    assert "robots at their goals 1/4" in bar.getvalue()
-    assert "6 cycles, 1/2 episodes" in bar.getvalue()
+    assert "robots at their goals 1/4" in terminal.getvalue()
+    assert "6 cycles, 1/2 episodes" in terminal.getvalue()
 
 
 def test_the_time_left_follows_from_the_share_done(monkeypatch):
