@@ -62,13 +62,13 @@ def test_scores_are_those_of_the_runs_to_six_digits(made, runs):
 
 def test_waypoints_are_forecasts_to_the_millimetre(made, runs, records, monkeypatch):
     place, all_runs = world.load("flat", dim=3), _space(runs)
-    told = study.forecasts(all_runs, place)
-    assert np.abs(made["waypoint_alpha"] / 1000 - told.alpha).max() <= 0.00051
+    forecasts = study.forecasts(all_runs, place)
+    assert np.abs(made["waypoint_alpha"] / 1000 - forecasts.alpha).max() <= 0.00051
     clearance = np.concatenate([place.ground.clearance(_paths(run)) for run in all_runs])
     assert np.abs(made["waypoint_clearance"] / 1000 - clearance).max() <= 0.00051
-    assert np.array_equal(made["waypoint_robot"], told.robot)
+    assert np.array_equal(made["waypoint_robot"], forecasts.robot)
     monkeypatch.setattr(records, "WAYPOINTS", 10)
-    thin = records._forecasts("waypoint", told)
+    thin = records._forecasts("waypoint", forecasts)
     assert 5 <= len(thin["waypoint_robot"]) <= 10
     assert set(thin["waypoint_clearance"]) <= set(made["waypoint_clearance"])
 
@@ -168,6 +168,6 @@ def test_faults_are_told_in_one_line_and_nothing_is_written(records, tmp_path, c
         code = records.main(command)
     except SystemExit as error:
         code = error.code
-    told = capsys.readouterr().err
-    assert code == 2 and words in told and "Traceback" not in told
+    printed = capsys.readouterr().err
+    assert code == 2 and words in printed and "Traceback" not in printed
     assert not list(tmp_path.rglob("*.npz"))

@@ -11,7 +11,7 @@ from mannbv.config import PRESETS
 from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.playback import Playback
-from mannbv.course.widgets.player import chart_panel, team_items, key
+from mannbv.course.widgets.player import chart_panel, key, team_items
 from mannbv.course.widgets.recording import VIEWS, Recording
 from mannbv.course.widgets.settings import Choice, Range
 from mannbv.team import RobotLog
