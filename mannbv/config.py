@@ -4,10 +4,43 @@
 """
 
 import dataclasses
+import difflib
+import functools
 import json
 import math
 import numbers
 from dataclasses import dataclass, field, fields
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+def nearest(wrong, known) -> str:
+    """ "did you mean penalty?" for names that are not among the known ones; "" where none is like them."""
+    likely = dict.fromkeys(match for name in wrong for match in difflib.get_close_matches(name, list(known), n=1))
+    return f"did you mean {', '.join(likely)}?" if likely else ""
+
+
+def suggesting(what: str, see: str):
+    """For a dataclass: whoever gives its constructor a field that it has not is told in one line which was meant.
+
+    what: how the error begins, as "config: no constant"; see: where all names stand. Raises ValueError.
+    """
+
+    def decorate(cls: type[T]) -> type[T]:
+        init, names = cls.__init__, [f.name for f in fields(cls)]
+
+        @functools.wraps(init)
+        def checked(self, *args, **values):
+            unknown = sorted(set(values).difference(names))
+            if unknown:
+                raise ValueError(f"{what} is called {', '.join(unknown)}; {nearest(unknown, names) or f'see {see}'}")
+            init(self, *args, **values)
+
+        cls.__init__ = checked
+        return cls
+
+    return decorate
 
 
 def _constant(default, unit: str, meaning: str, source: str = "chosen here"):
@@ -22,6 +55,7 @@ _POSITIVE = frozenset([
 ])  # fmt: skip
 
 
+@suggesting("config: no constant", "config.describe()")
 @dataclass(frozen=True)
 class Config:
     """One run's constants. Make a variant with `config.replace(level=0.05)`."""
@@ -123,9 +157,6 @@ class Config:
 
     def replace(self, **changes) -> "Config":
         """A copy with some constants changed. Raises ValueError for a name that is none of them."""
-        unknown = sorted(set(changes) - {f.name for f in fields(self)})
-        if unknown:
-            raise ValueError(f"config: no constant is called {', '.join(unknown)}; see config.describe()")
         return dataclasses.replace(self, **changes)
 
     def to_json(self) -> str:

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mannbv import grid, information, mask, risk, splats
+from mannbv import consensus, grid, information, mask, risk, splats
 from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.geometry import Pose
@@ -142,11 +142,11 @@ def lower_bound(
     return distributed.sum().item(), central.sum().item()
 
 
-def team(gains: np.ndarray, yaws: np.ndarray) -> float:
+def team(gains: np.ndarray, yaws) -> float:
     """The team's objective, Eq. (24): Σ_k Σ_i f_ik(ψ_k), from tables (N, N, M) on uniform yaws, linear in between."""
-    n_yaws = gains.shape[-1]
-    place = (np.asarray(yaws, float) + np.pi) / (2 * np.pi) * n_yaws
-    low = np.floor(place).astype(int)
-    share = place - low
-    k = np.arange(gains.shape[1])
-    return float(((1 - share) * gains[:, k, low % n_yaws] + share * gains[:, k, (low + 1) % n_yaws]).sum())
+    return consensus.value(gains, yaws)
+
+
+def best(gains: np.ndarray) -> float:
+    """The largest value that `team` takes at any yaws: each robot k at the best node of Σ_i f_ik."""
+    return float(gains.sum(0).max(1).sum())

@@ -1,4 +1,5 @@
 import dataclasses
+import inspect
 import json
 import math
 
@@ -74,6 +75,10 @@ def test_impossible_constants_are_named(name, value, message, unchecked):
 def test_unknown_constants_are_named():
     with pytest.raises(ValueError, match="no constant is called alpha, speed; see"):
         Config().replace(speed=1.0, alpha=2.0)
+    for wrong in (lambda: Config(penality=1.0), lambda: Config().replace(penality=1.0)):
+        with pytest.raises(ValueError, match=r"^config: no constant is called penality; did you mean penalty\?$"):
+            wrong()
+    assert "penalty" in inspect.signature(Config).parameters
     for text in ("[1, 2]", "{"):
         with pytest.raises(ValueError, match=r"^config: "):
             Config.from_json(text)

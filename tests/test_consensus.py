@@ -1,3 +1,7 @@
+import dataclasses
+import inspect
+import pickle
+
 import networkx as nx
 import numpy as np
 import pytest
@@ -82,14 +86,13 @@ def test_the_mean_of_everyones_own_best_is_not_the_closed_form():
     assert np.abs(np.mean([f.best for f in functions], 0) - team).max() > 0.05
 
 
-def play(objectives, graph, announced, rounds, lost=lambda i, j: False, **options):
+def play(objectives, graph, announced, rounds, scale=1.0, **settings):
     """Rounds of start and step by hand; yields every robot's state after each."""
-    states = [
-        consensus.start(i, network.neighbours(graph, i), announced, objectives[i], **options) for i in sorted(graph)
-    ]
+    solver = consensus.CADMM(**settings)
+    states = [solver.start(i, list(graph[i]), announced, objectives[i], scale=scale) for i in sorted(graph)]
     for _ in range(rounds):
         sent = [state.copies for state in states]
-        states = [consensus.step(s, {j: sent[j] for j in s.neighbours if not lost(j, s.robot)}) for s in states]
+        states = [solver.step(s, {j: sent[j] for j in s.neighbours}) for s in states]
         yield states
 
 
@@ -122,6 +125,64 @@ def test_one_round_is_equations_27_to_29():
     np.testing.assert_allclose(second.copies, z / 2 + 0.3 * z / (0.6 * 2), atol=1e-12)
 
 
+def test_start_and_step_by_name_are_those_of_the_solver_and_remember_it():
+    rng = np.random.default_rng(20)
+    gains, announced, heard = rng.normal(size=(3, 24)), rng.uniform(-3, 3, 3), {1: rng.normal(size=3)}
+    for settings in ({}, {"penalty": 0.3, "growth": 2.0, "primal": "gradient", "circle": False}):
+        solver = consensus.CADMM(**settings)
+        ours = solver.step(solver.step(solver.start(0, [1, 2], announced, gains), heard), heard)
+        first = consensus.start(0, [1, 2], announced, gains, **settings)
+        by_name = consensus.step(consensus.step(first, heard), heard)
+        handed = consensus.step(consensus.step(solver.start(0, [1, 2], announced, gains), heard, solver), heard, solver)
+        for other in (by_name, handed):
+            for field in dataclasses.fields(ours):
+                if field.name != "objective":
+                    np.testing.assert_array_equal(getattr(other, field.name), getattr(ours, field.name))
+
+
+def test_a_state_holds_no_settings_and_lives_on_as_bytes():
+    rng, settings = np.random.default_rng(21), {f.name for f in dataclasses.fields(consensus.CADMM)}
+    assert settings & {f.name for f in dataclasses.fields(consensus.Agreement)} == {
+        "penalty"
+    }  # ρ of the round: it grows
+    graph, objectives, announced = network.build("ring", 4), bumps(rng, 4, 36), rng.uniform(-3, 3, 4)
+    solver = consensus.CADMM()
+    states = [solver.start(i, list(graph[i]), announced, objectives[i]) for i in range(4)]
+
+    def by_post(outbox):
+        for i, state in enumerate(states):
+            states[i] = pickle.loads(pickle.dumps(state))
+        return {i: {note.sender: note.offsets for note in outbox if note.receiver == i} for i in range(4)}
+
+    *_, last = consensus.exchange(solver, states, by_post, rounds=9, tolerance=0)
+    states = [solver.start(i, list(graph[i]), announced, objectives[i]) for i in range(4)]
+    for _ in range(9):
+        outbox = [note for state in states for note in state.outbox]
+        states = [pickle.loads(pickle.dumps(state)) for state in states]
+        states = [solver.step(s, {n.sender: n.offsets for n in outbox if n.receiver == s.robot}) for s in states]
+    for one, other in zip(last, states, strict=True):
+        np.testing.assert_array_equal(one.copies, other.copies)
+        np.testing.assert_array_equal(one.dual, other.dual)
+    assert last[0].round == 9
+
+
+def test_an_exchange_hears_only_what_is_delivered():
+    graph, objectives, announced = network.build("line", 3), bumps(np.random.default_rng(22), 3), np.zeros(3)
+    solver, seen = consensus.CADMM(), []
+
+    def deaf(outbox):
+        seen.append([(note.sender, note.receiver, note.round) for note in outbox])
+        return {}
+
+    states = [solver.start(i, list(graph[i]), announced, objectives[i]) for i in range(3)]
+    *_, last = consensus.exchange(solver, states, deaf, rounds=2)
+    assert seen == [[(0, 1, t), (1, 0, t), (1, 2, t), (2, 1, t)] for t in range(2)]
+    for before, after in zip(states, last, strict=True):
+        np.testing.assert_array_equal(after.edge, before.edge)
+        assert not after.dual.any()
+    assert len(list(consensus.exchange(solver, states, deaf, rounds=0))) == 1
+
+
 def test_solve_is_the_loop_over_steps():
     rng = np.random.default_rng(5)
     graph, objectives, announced = network.build("star", 5), bumps(rng), rng.uniform(-3, 3, 5)
@@ -135,35 +196,35 @@ def test_solve_is_the_loop_over_steps():
     assert trace[3].penalty == pytest.approx(0.05 * 1.1**2)
 
 
-def scan(function, origin, center, stiffness, low, high):
-    """The least of −f(origin + x) + stiffness/2 (x − center)² over [low, high], by a dense scan."""
-    x = np.linspace(low, high, 400_001)
-    energy = stiffness / 2 * (x - center) ** 2 - function(origin + x)
-    return x[energy.argmin()], energy.min()
+def between(gains, yaw):
+    """A table's function at any yaws, by numpy's own interpolation."""
+    nodes = -np.pi + 2 * np.pi * np.arange(len(gains) + 1) / len(gains)
+    return np.interp((np.asarray(yaw) + np.pi) % (2 * np.pi) - np.pi, nodes, np.append(gains, gains[0]))
 
 
 @pytest.mark.parametrize("circle", [True, False])
-def test_the_exact_primal_is_the_global_minimum(circle):
+@pytest.mark.parametrize("rough", [True, False])
+def test_the_exact_primal_is_the_global_minimum(circle, rough):
     rng = np.random.default_rng(6)
     for case in range(12):
-        n_yaws, stiffness = 360, 10 ** rng.uniform(-2.5, 1)
+        n_yaws, stiffness = 36 if rough else 360, 10 ** rng.uniform(-2.5, 1)
         center, announced = rng.uniform(-6, 6, 2) if circle else (rng.uniform(-4, 4), 0.0)
-        peaks, heights = rng.uniform(-np.pi, np.pi, 3), rng.exponential(size=3)
-
-        def f(yaw, peaks=peaks, heights=heights):
-            return sum(h * np.exp(4 * (np.cos(yaw - p) - 1)) for h, p in zip(heights, peaks, strict=True))
-
-        gains = np.array([f(consensus.grid(n_yaws)), np.zeros(n_yaws)])
+        table = rng.exponential(size=n_yaws) if rough else bumps(rng, 1, n_yaws)[0, 0]
         # a robot whose only neighbour's z sits where the centre should be
-        state = consensus.start(0, [1], [announced, 0.0], gains, penalty=stiffness, circle=circle)
-        state = consensus.step(state, {1: np.array([center, center])})
+        solver = consensus.CADMM(penalty=stiffness, circle=circle)
+        state = solver.start(0, [1], [announced, 0.0], np.array([table, np.zeros(n_yaws)]))
+        state = solver.step(state, {1: np.array([center, center])})
         # undo what its own first copies did to z and λ
         mean = state.edge[0] - state.dual[0] / state.penalty
-        low, high = (-30, 30) if circle else (-np.pi, np.pi)
-        best, energy = scan(f, announced, mean[0], state.penalty, low, high)
-        reached = state.penalty / 2 * (state.copies[0] - mean[0]) ** 2 - f(announced + state.copies[0])
-        assert reached <= energy + 1e-4, case
-        assert abs(state.copies[0] - best) < 2e-3, case
+
+        def energy(x, table=table, announced=announced, mean=mean, stiffness=state.penalty):
+            return stiffness / 2 * (x - mean[0]) ** 2 - between(table, announced + x)
+
+        x = np.linspace(*((-30, 30) if circle else (-np.pi, np.pi)), 400_001)
+        scanned = energy(x)
+        assert scanned.min() - 0.01 < energy(state.copies[0]) <= scanned.min() + 1e-12, case
+        if not rough:
+            assert abs(state.copies[0] - x[scanned.argmin()]) < 1e-3, case
         # the zero objective: the quadratic's own minimiser, or the nearest end of the interval
         flat = mean[1] if circle else np.clip(mean[1], -np.pi, np.pi)
         assert state.copies[1] == pytest.approx(flat, abs=1e-9)
@@ -179,8 +240,9 @@ def test_a_search_within_plus_minus_pi_of_the_present_copy_would_miss_it():
 def test_the_gradient_primal_descends_the_same_function():
     rng = np.random.default_rng(7)
     gains, announced, received = bumps(rng, 2)[0], rng.uniform(-3, 3, 2), rng.normal(size=2)
-    state = consensus.start(0, [1], announced, gains, penalty=0.5, primal="gradient", steps=2000, rate=0.05)
-    before, state = state, consensus.step(state, {1: received})
+    solver = consensus.CADMM(penalty=0.5, primal="gradient", steps=2000, rate=0.05)
+    before = solver.start(0, [1], announced, gains)
+    state = solver.step(before, {1: received})
     mean = state.edge[0] - state.dual[0] / state.penalty
 
     def energy(x):
@@ -188,22 +250,50 @@ def test_the_gradient_primal_descends_the_same_function():
         return state.penalty / 2 * ((x - mean) ** 2).sum() - fit
 
     local = optimize.minimize(energy, state.copies, tol=1e-10)
-    np.testing.assert_allclose(state.copies, local.x, atol=1e-4)
+    np.testing.assert_allclose(state.copies, local.x, atol=1e-2)
     assert energy(state.copies) < energy(before.copies)
 
 
-def test_interpolation_and_its_slope_are_exact_for_trigonometric_polynomials():
-    yaws, at = consensus.grid(16), np.array([0.3, -2.9])
-    table = np.stack([1 + 2 * np.cos(3 * yaws - 0.4), np.sin(yaws) - np.cos(7 * yaws)])
-    np.testing.assert_allclose(
-        consensus.interpolate(table, at), [1 + 2 * np.cos(0.9 - 0.4), np.sin(-2.9) - np.cos(7 * 2.9)], atol=1e-12
-    )
-    for n_yaws in (16, 17):  # with and without the highest, half-counted wave
-        noise = np.random.default_rng(0).normal(size=n_yaws)
-        nodes = consensus.grid(n_yaws)
-        np.testing.assert_allclose(consensus.interpolate(np.tile(noise, (n_yaws, 1)), nodes), noise, atol=1e-12)
-    slopes = [-6 * np.sin(0.9 - 0.4), np.cos(-2.9) + 7 * np.sin(7 * -2.9)]
-    np.testing.assert_allclose(consensus.interpolate(table, at, slope=True), slopes, atol=1e-12)
+@pytest.mark.parametrize("n_yaws", [16, 17, 360])
+def test_a_table_is_linear_between_its_nodes_and_its_slope_a_central_difference(n_yaws):
+    rng = np.random.default_rng(0)
+    table, at, nodes = rng.normal(size=(40, n_yaws)), rng.uniform(-9, 9, 40), consensus.grid(n_yaws)
+    expected = [between(row, yaw) for row, yaw in zip(table, at, strict=True)]
+    np.testing.assert_allclose(consensus.interpolate(table, at), expected, atol=1e-12)
+    np.testing.assert_allclose(consensus.interpolate(np.tile(table[0], (n_yaws, 1)), nodes), table[0], atol=1e-11)
+    np.testing.assert_allclose(consensus.interpolate(table[0], at), between(table[0], at), atol=1e-12)
+    step = 2 * np.pi / n_yaws
+    ahead, behind = ([between(r, y + side) for r, y in zip(table, at, strict=True)] for side in (step, -step))
+    expected = (np.array(ahead) - behind) / (2 * step)
+    np.testing.assert_allclose(consensus.interpolate(table, at, slope=True), expected, atol=1e-9)
+    smooth = np.cos(nodes)  # whose true slope is known
+    np.testing.assert_allclose(consensus.interpolate(smooth, at, slope=True), -np.sin(at), atol=step**2)
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_nothing_exceeds_the_optimum_of_rough_tables(seed):
+    rng = np.random.default_rng(seed)
+    n, n_yaws = int(rng.integers(1, 6)), int(rng.integers(4, 400))
+    gains = rng.exponential(size=(n, n, n_yaws)) * 10 ** rng.uniform(-4, 4)
+    graph, announced = network.build("complete", n), rng.uniform(-np.pi, np.pi, n)
+    best, at_nodes = consensus.best_yaws(gains.sum(0), announced), gains.sum(0).max(1).sum()
+    top = consensus.value(gains, best)
+    assert top == pytest.approx(at_nodes, rel=1e-12)
+    np.testing.assert_array_equal(consensus.solve(gains, graph, announced, "optimum")[-1].yaws, best)
+    for solver in consensus.SOLVERS:
+        assert consensus.value(gains, consensus.solve(gains, graph, announced, solver)[-1].yaws) <= at_nodes
+    several = np.concatenate([rng.uniform(-9, 9, (2000, n)), best + 1e-9 * rng.normal(size=(100, n))])
+    assert max(consensus.value(gains, yaws) for yaws in several) <= at_nodes
+    # and no single row promises more than it holds: a smooth interpolant of the same table does
+    assert consensus.interpolate(gains[0], best).max() <= gains[0].max()
+
+
+def test_of_equally_good_yaws_the_nearest_is_taken_whatever_the_unit():
+    plateau = np.array([0, 1, 1, 0, 0, 1, 0, 0.0])  # 1 from −135° to −90°, and at 45°
+    near = np.radians([-100.0, -80, 20, 150, -170, -135])
+    expected = np.radians([-100.0, -90, 45, -135, -135, -135])
+    for unit in (1e-20, 1.0, 1e20):
+        np.testing.assert_allclose(consensus.best_yaws(np.tile(unit * plateau, (6, 1)), near), expected, atol=1e-12)
 
 
 def facing(peaks, n_yaws=360, sharpness=4):
@@ -287,13 +377,12 @@ def test_a_profile_costs_a_byte_a_bin_and_survives_the_trip():
 
 @pytest.mark.parametrize("solver", consensus.SOLVERS)
 def test_a_team_of_one_and_robots_at_their_goals(solver):
-    objectives = bumps(np.random.default_rng(11), 1)
+    objectives, pitch = bumps(np.random.default_rng(11), 1), 2 * np.pi / 360
     yaw = consensus.solve(objectives, network.build("line", 1), [0.5], solver, steps=3000)[-1].yaws[0]
-    dense = consensus.interpolate(objectives[0, 0], consensus.grid(7200))
-    slope = consensus.interpolate(objectives[0, 0], np.array([yaw]), slope=True)
-    assert abs(slope) < 1e-2
+    before, here, after = between(objectives[0, 0], yaw + np.array([-pitch, 0, pitch]))
+    assert here > max(before, after) - 1e-3
     if solver != "cadmm-gradient":
-        assert circular(yaw - consensus.grid(7200)[dense.argmax()]) < 1e-3
+        assert here == pytest.approx(objectives.max(), rel=1e-12)
     # nothing to gain: everybody keeps its announced view
     still = consensus.solve(np.zeros((3, 3, 12)), network.build("ring", 3), [3.0, -1.0, 0.5], solver)[-1].yaws
     np.testing.assert_allclose(still, [3.0, -1.0, 0.5], atol=1e-9)
@@ -349,17 +438,15 @@ def test_links_that_fail_both_ways_only_delay_agreement(graph):
         return (min(sender, receiver), max(sender, receiver)) in down
 
     announced = rng.uniform(-1, 1, N)
-    states = [
-        consensus.start(i, network.neighbours(graph, i), announced, functions[i], penalty=1.0, growth=1.0)
-        for i in range(N)
-    ]
-    for _ in range(120):
-        sent = [state.copies for state in states]
+    solver = consensus.CADMM(penalty=1.0, growth=1.0)
+    states = [solver.start(i, list(graph[i]), announced, functions[i]) for i in range(N)]
+
+    def deliver(outbox):
         gone = {(i, j): lost(i, j) for i in range(N) for j in range(N) if i < j}
-        states = [
-            consensus.step(s, {j: sent[j] for j in s.neighbours if not gone[tuple(sorted((j, s.robot)))]})
-            for s in states
-        ]
+        heard = [note for note in outbox if not gone[tuple(sorted(note[:2]))]]
+        return {i: {note.sender: note.offsets for note in heard if note.receiver == i} for i in range(N)}
+
+    *_, states = consensus.exchange(solver, states, deliver, rounds=120, tolerance=0)
     np.testing.assert_allclose([s.yaws for s in states], np.tile(team, (N, 1)), atol=1e-3)
 
 
@@ -428,7 +515,8 @@ PAIR = nx.path_graph(2)
         ((np.zeros((2, 2, 8)), PAIR, [0.0, 0.0]), {"rounds": -1}, "rounds must not be negative"),
         ((np.zeros((2, 2, 8)), PAIR, [0.0, 0.0]), {"primal": "newton"}, "no primal update is called 'newton'"),
         ((np.zeros((2, 2, 8)), PAIR, [0.0, 0.0]), {"loss": 0.1}, "needs an rng"),
-        ((np.zeros((2, 2, 8)), PAIR, [0.0, 0.0]), {"rho": 1}, "no setting is called rho"),
+        ((np.zeros((2, 2, 8)), PAIR, [0.0, 0.0]), {"rho": 1}, "no setting is called rho; see consensus.Settings"),
+        ((np.zeros((2, 2, 8)), PAIR, [0.0, 0.0]), {"penality": 1}, r"called penality; did you mean penalty\?"),
         ((np.zeros((2, 2, 8)), PAIR, [0.0, 0.0], "profile"), {"bits": 9}, "1 to 8 bits"),
     ],
 )
@@ -436,6 +524,24 @@ def test_bad_input_is_named_in_one_line(args, settings, words):
     with pytest.raises(ValueError, match=words) as error:
         consensus.solve(*args, **settings)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("function", [consensus.solve, consensus.solve_twists])
+def test_completion_sees_every_setting_with_its_default(function):
+    shown = inspect.signature(function).parameters
+    fields = {f.name: f.default for f in dataclasses.fields(consensus.Settings)}
+    assert {name: shown[name].default for name in fields} == fields
+    assert all(shown[name].kind is inspect.Parameter.KEYWORD_ONLY for name in fields)
+    assert list(shown)[:4] == ["objectives", "network", *list(shown)[2:3], "solver"]
+    options = inspect.unwrap(function).__annotations__["settings"].__args__[0].__annotations__
+    assert options == {f.name: f.type for f in dataclasses.fields(consensus.Settings)}  # what a type checker completes
+
+
+def test_a_solver_names_the_setting_that_was_meant():
+    with pytest.raises(ValueError, match=r"^consensus: no setting is called penality; did you mean penalty\?$"):
+        consensus.CADMM(penality=0.1)
+    with pytest.raises(ValueError, match="growth must be positive"):
+        consensus.CADMM(growth=0.0)
 
 
 def test_a_step_refuses_strangers_and_garbage():

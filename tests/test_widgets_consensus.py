@@ -53,12 +53,11 @@ def by_hand(values):
 
 
 def brute(gains):
-    """The best of 7200 yaws for each view, and what the team gains there, by a sum of waves written out."""
-    m = gains.shape[-1]
+    """The best of 7200 yaws for each view, and what the team gains there, by numpy's own interpolation."""
     fine = np.linspace(-np.pi, np.pi, 7200, endpoint=False)
-    order = np.fft.fftfreq(m, 1 / m)
-    waves = np.fft.fft(gains.sum(0)) / m @ np.exp(1j * order[:, None] * (fine + np.pi))
-    return fine[waves.real.argmax(1)], waves.real.max(1).sum()
+    nodes = np.linspace(-np.pi, np.pi, gains.shape[-1] + 1)
+    table = np.array([np.interp(fine, nodes, np.append(row, row[0])) for row in gains.sum(0)])
+    return fine[table.argmax(1)], table.max(1).sum()
 
 
 @pytest.mark.parametrize(
@@ -91,7 +90,7 @@ def test_the_mark_is_the_best_yaw_and_shares_are_of_its_gain(explorer, n_robots,
     share = consensus.value(gains, np.diagonal(copies)) / most  # each robot takes its own copy of its own yaw
     curve = points(panels[SHARE], "line")[1]
     assert math.isclose(curve[5, 1], share, abs_tol=1e-3) and f"{share:.1%}" in says
-    assert curve[:, 1].max() < 1.001
+    assert curve[:, 1].max() <= 1 + 1e-6  # drawn in single precision
 
 
 def test_the_rim_rises_with_the_teams_gain(explorer):

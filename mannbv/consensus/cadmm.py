@@ -1,19 +1,33 @@
-"""One robot's part in C-ADMM, Eqs. (27)-(29): a frozen record and the step that follows an inbox (Section V-C).
+"""C-ADMM, Eqs. (26)-(29): a solver object, what a robot remembers between rounds, and the exchange (Section V-C).
 
 Copies are real offsets from the yaw each owner announced and start at 0, so that sums and means are those of ℝᴺ as
 Remark 1 asks, yet the yaws live on a circle: 3.1 and −3.1 meet at π, and wrapping happens only in what is read off.
 """
 
 import dataclasses
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from mannbv import geometry
+from mannbv.config import Config, suggesting
 from mannbv.consensus.objectives import TIE, Called, Tabulated
 
 PRIMALS = ("exact", "gradient")
+Number = float | int
+_DEFAULT = Config()
+
+
+class Outgoing(NamedTuple):
+    """What one robot tells a neighbour in a round."""
+
+    sender: int
+    receiver: int
+    round: int  # rounds that the sender has behind it
+    offsets: Float[np.ndarray, " robots"]  # its copies, T^(i), as offsets from the announced yaws [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +48,6 @@ class Agreement:
     edge: Float[np.ndarray, "neighbours robots"]  # z_ij, Eq. (28)
     dual: Float[np.ndarray, "neighbours robots"]  # λ_ij, Eq. (29)
     penalty: float  # ρ of the next round
-    growth: float
-    primal: str
-    circle: bool
-    steps: int
-    rate: float
     round: int = 0
     primal_residual: float = float("inf")  # max over neighbours and yaws of |T^(i) − z_ij| [rad]
     dual_residual: float = float("inf")  # max over neighbours and yaws of ρ |z_ij − previous z_ij|
@@ -53,117 +62,153 @@ class Agreement:
         """T_i* of Algorithm 1: the yaw this robot is to take [rad]."""
         return float(self.yaws[self.robot])
 
+    @property
+    def outbox(self) -> list[Outgoing]:
+        """What this robot sends next: its copies to each neighbour."""
+        return [Outgoing(self.robot, j, self.round, self.copies) for j in self.neighbours]
 
-def start(
-    robot,
-    neighbours,
-    announced,
-    objective,
-    *,
-    penalty=0.05,
-    growth=1.1,
-    primal: str = "exact",
-    circle: bool = True,
-    scale=1.0,
-    copies=None,
-    steps: int = 5,
-    rate=0.2,
-) -> Agreement:
-    """Robot i before anything was exchanged: z = first copies, λ = 0, and the first primal update (27).
 
-    announced: everyone's announced yaw (N,) [rad]. objective: robot i's gains (N, M) on M uniform yaws of [−π, π), or
-    a function of the N yaws, to be called with unwrapped ones. scale divides it; all robots must use the same one
-    (`scale_of`). copies: other first copies (N,) [rad] than the announced yaws. primal: "exact", global on tables and
-    BFGS on functions, or "gradient", the paper's: `steps` steps of `rate`. circle=False is the paper's literal
-    arithmetic on numbers in [−π, π]. Raises ValueError for wrong shapes and values.
+@suggesting("consensus: no setting", "consensus.CADMM")
+@dataclass(frozen=True)
+class CADMM:
+    """How all robots of a team solve; `start` and `step` are one robot's. Raises ValueError for impossible values.
+
+    circle=False is the paper's literal arithmetic on numbers in [−π, π].
     """
-    announced = np.asarray(announced, float)
-    n = len(announced)
-    first = announced if copies is None else np.asarray(copies, float)
-    objective = Called(objective, float(scale)) if callable(objective) else np.asarray(objective, float)
-    if isinstance(objective, np.ndarray):
-        if objective.ndim != 2 or len(objective) != n or objective.shape[1] < 4 or not np.isfinite(objective).all():
-            raise ValueError(f"consensus: robot {robot} needs finite gains (N, M ≥ 4), N = {n}; got {objective.shape}")
-        objective = Tabulated(objective / scale)
-    if announced.ndim != 1 or first.shape != (n,) or not np.isfinite([announced, first]).all():
-        raise ValueError(f"consensus: robot {robot} needs a finite yaw of each robot, got {announced} and {first}")
-    if not (penalty > 0 and growth > 0 and scale > 0):
-        raise ValueError(f"consensus: penalty, growth and scale must be positive, got {penalty}, {growth}, {scale}")
-    if primal not in PRIMALS:
-        raise ValueError(f"consensus: no primal update is called '{primal}'; choose one of {', '.join(PRIMALS)}")
-    if circle:
-        origin, first = announced, geometry.wrap(first - announced)
-    else:
-        origin, first = np.zeros(n), geometry.wrap(first)
-    neighbours = tuple(sorted(int(j) for j in neighbours))
-    alone = {} if neighbours else {"primal_residual": 0.0, "dual_residual": 0.0}
-    state = Agreement(
-        robot=int(robot),
-        neighbours=neighbours,
-        objective=objective,
-        origin=origin,
-        copies=first,
-        agreed=first,
-        edge=np.tile(first, (len(neighbours), 1)),
-        dual=np.zeros((len(neighbours), n)),
-        penalty=float(penalty),
-        growth=float(growth),
-        primal=primal,
-        circle=bool(circle),
-        steps=int(steps),
-        rate=float(rate),
-        **alone,
-    )
-    copies = _primal(state, state.edge, state.dual, state.penalty)
-    return dataclasses.replace(state, copies=copies, agreed=copies)
+
+    penalty: Number = _DEFAULT.penalty  # ρ at first, for objectives whose largest value is 1
+    growth: Number = _DEFAULT.penalty_growth  # ρ is multiplied by this each round
+    primal: str = "exact"  # Eq. (27): global on tables and BFGS on functions; or "gradient", the paper's
+    circle: bool = True
+    steps: int = 5  # of the gradient primal
+    rate: Number = 0.2  # [rad²] step of the gradient primal
+
+    def __post_init__(self):
+        for name in ("penalty", "growth", "rate"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"consensus: {name} must be positive and finite, got {getattr(self, name)}")
+        if not self.steps >= 0:
+            raise ValueError(f"consensus: steps must not be negative, got {self.steps}")
+        if self.primal not in PRIMALS:
+            choices = ", ".join(PRIMALS)
+            raise ValueError(f"consensus: no primal update is called '{self.primal}'; choose one of {choices}")
+
+    def start(self, robot: int, neighbours, announced, objective, *, scale: Number = 1.0, copies=None) -> Agreement:
+        """Robot i before anything was exchanged: z = first copies, λ = 0, and the first primal update (27).
+
+        announced: everyone's announced yaw (N,) [rad]. objective: robot i's gains (N, M) on M uniform yaws of [−π, π),
+        or a function of the N yaws, to be called with unwrapped ones. scale divides it; all robots must use the same
+        one (`scale_of`). copies: other first copies (N,) [rad] than the announced yaws. Raises ValueError for wrong
+        shapes and values.
+        """
+        announced = np.asarray(announced, float)
+        n = len(announced)
+        first = announced if copies is None else np.asarray(copies, float)
+        if not scale > 0:
+            raise ValueError(f"consensus: scale must be positive, got {scale}")
+        if callable(objective):
+            objective = Called(objective, float(scale))
+        else:
+            gains = np.asarray(objective, float)
+            if gains.ndim != 2 or len(gains) != n or gains.shape[1] < 4 or not np.isfinite(gains).all():
+                raise ValueError(f"consensus: robot {robot} needs finite gains (N, M ≥ 4), N = {n}; got {gains.shape}")
+            objective = Tabulated(gains / scale)
+        if announced.ndim != 1 or first.shape != (n,) or not np.isfinite([announced, first]).all():
+            raise ValueError(f"consensus: robot {robot} needs a finite yaw of each robot, got {announced} and {first}")
+        origin = announced if self.circle else np.zeros(n)
+        first = geometry.wrap(first - origin)
+        neighbours = tuple(sorted(int(j) for j in neighbours))
+        alone = {} if neighbours else {"primal_residual": 0.0, "dual_residual": 0.0}
+        edge, dual = np.tile(first, (len(neighbours), 1)), np.zeros((len(neighbours), n))
+        penalty = float(self.penalty)
+        state = Agreement(int(robot), neighbours, objective, origin, first, first, edge, dual, penalty, **alone)
+        copies = self._primal(state, edge, dual, penalty)
+        return dataclasses.replace(state, copies=copies, agreed=copies)
+
+    def step(self, state: Agreement, inbox: Mapping) -> Agreement:
+        """One round of robot i: z (28) and dual (29) from its neighbours' copies, then the next primal update (27).
+
+        inbox: neighbour → the copies (N,) that it sent this round. A neighbour that is absent (its message was lost)
+        keeps its old z and λ. If only one direction of a link fails, its two ends' duals no longer cancel, and the
+        agreement that follows is a little off the optimum. Raises ValueError for a stranger's message or one of the
+        wrong shape.
+        """
+        edge, dual = state.edge.copy(), state.dual.copy()
+        for sender, theirs in inbox.items():
+            if sender not in state.neighbours:
+                raise ValueError(f"consensus: robot {state.robot} has no link to robot {sender}, yet a message from it")
+            theirs = np.asarray(theirs, float)
+            if theirs.shape != state.copies.shape or not np.isfinite(theirs).all():
+                raise ValueError(f"consensus: robot {sender} sent {theirs.shape} copies or some that are not finite")
+            row = state.neighbours.index(sender)
+            edge[row] = (state.copies + theirs) / 2  # the same bits at both ends
+            dual[row] += state.penalty * (state.copies - theirs) / 2  # T − z, and exactly opposite at the other end
+        penalty = state.penalty * self.growth
+        return dataclasses.replace(
+            state,
+            copies=self._primal(state, edge, dual, penalty),
+            agreed=state.copies,
+            edge=edge,
+            dual=dual,
+            penalty=penalty,
+            round=state.round + 1,
+            primal_residual=float(np.abs(state.copies - edge).max(initial=0.0)),
+            dual_residual=float(state.penalty * np.abs(edge - state.edge).max(initial=0.0)),
+        )
+
+    def _primal(self, state: Agreement, edge: np.ndarray, dual: np.ndarray, penalty: float) -> np.ndarray:
+        """Eq. (27): argmin of −F(T) + Σ_j λ_ijᵀ(T − z_ij) + ρ/2 Σ_j ‖T − z_ij‖².
+
+        The terms of the neighbours are one quadratic: its stiffness is ρ times their number, its centre the mean of z
+        less Σ_j λ_ij over the stiffness.
+        """
+        stiffness, center = TIE, state.copies
+        if state.neighbours:
+            stiffness = penalty * len(state.neighbours)
+            center = edge.mean(0) - dual.sum(0) / stiffness
+        if self.primal == "exact":
+            return state.objective.minimise(state.origin, state.copies, center, stiffness, self.circle)
+        offsets = state.copies
+        for _ in range(self.steps):
+            ascent = state.objective.gradient(state.origin + offsets) - stiffness * (offsets - center)
+            offsets = offsets + self.rate / (1 + self.rate * stiffness) * ascent  # damped: stable for any penalty
+            offsets = offsets if self.circle else np.clip(offsets, -np.pi, np.pi)
+        return offsets
 
 
-def step(state: Agreement, inbox) -> Agreement:
-    """One round of robot i: z (28) and dual (29) from its neighbours' copies, then the next primal update (27).
+def exchange(
+    solver: CADMM,
+    states: list[Agreement],
+    deliver: Callable[[list[Outgoing]], Mapping[int, Mapping]],
+    rounds: int = _DEFAULT.rounds,
+    tolerance: Number = _DEFAULT.tolerance,
+) -> Iterator[list[Agreement]]:
+    """The rounds of messages: yields the robots' states at first and after each round, until all residuals are small.
 
-    inbox: neighbour → the copies (N,) that it sent this round. A neighbour that is absent (its message was lost) keeps
-    its old z and λ. If only one direction of a link fails, its two ends' duals no longer cancel, and the agreement
-    that follows is a little off the optimum. Raises ValueError for a stranger's message or one of the wrong shape.
+    deliver(outbox) → inboxes carries a round's messages, and alone decides who hears what: robot → sender → offsets.
     """
-    edge, dual = state.edge.copy(), state.dual.copy()
-    for sender, theirs in inbox.items():
-        if sender not in state.neighbours:
-            raise ValueError(f"consensus: robot {state.robot} has no link to robot {sender}, yet a message from it")
-        theirs = np.asarray(theirs, float)
-        if theirs.shape != state.copies.shape or not np.isfinite(theirs).all():
-            raise ValueError(f"consensus: robot {sender} sent {theirs.shape} copies or some that are not finite")
-        row = state.neighbours.index(sender)
-        edge[row] = (state.copies + theirs) / 2  # the same bits at both ends
-        dual[row] += state.penalty * (state.copies - theirs) / 2  # T − z, and exactly opposite at the other end
-    penalty = state.penalty * state.growth
-    return dataclasses.replace(
-        state,
-        copies=_primal(state, edge, dual, penalty),
-        agreed=state.copies,
-        edge=edge,
-        dual=dual,
-        penalty=penalty,
-        round=state.round + 1,
-        primal_residual=float(np.abs(state.copies - edge).max(initial=0.0)),
-        dual_residual=float(state.penalty * np.abs(edge - state.edge).max(initial=0.0)),
-    )
+    yield states
+    while rounds > 0 and max(max(s.primal_residual, s.dual_residual) for s in states) >= tolerance:
+        heard = deliver([note for state in states for note in state.outbox])
+        states = [solver.step(state, heard.get(state.robot, {})) for state in states]
+        rounds -= 1
+        yield states
 
 
-def _primal(state: Agreement, edge: np.ndarray, dual: np.ndarray, penalty: float) -> np.ndarray:
-    """Eq. (27): argmin of −F(T) + Σ_j λ_ijᵀ(T − z_ij) + ρ/2 Σ_j ‖T − z_ij‖².
+@dataclass(frozen=True, eq=False)
+class Started(Agreement):
+    """What `start` gives to play rounds by hand: it remembers the solver, so that `step` needs but an inbox."""
 
-    The terms of the neighbours are one quadratic: its stiffness is ρ times their number, its centre the mean of z less
-    Σ_j λ_ij over the stiffness.
-    """
-    stiffness, center = TIE, state.copies
-    if state.neighbours:
-        stiffness = penalty * len(state.neighbours)
-        center = edge.mean(0) - dual.sum(0) / stiffness
-    if state.primal == "exact":
-        return state.objective.minimise(state.origin, state.copies, center, stiffness, state.circle)
-    offsets = state.copies
-    for _ in range(state.steps):
-        ascent = state.objective.gradient(state.origin + offsets) - stiffness * (offsets - center)
-        offsets = offsets + state.rate / (1 + state.rate * stiffness) * ascent  # damped: stable for any penalty
-        offsets = offsets if state.circle else np.clip(offsets, -np.pi, np.pi)
-    return offsets
+    solver: CADMM = CADMM()
+
+
+def start(robot: int, neighbours, announced, objective, *, scale: Number = 1.0, copies=None, **settings) -> Started:
+    """`CADMM(**settings).start(…)`, for rounds played by hand."""
+    solver = CADMM(**settings)
+    state = solver.start(robot, neighbours, announced, objective, scale=scale, copies=copies)
+    return Started(**vars(state), solver=solver)
+
+
+def step(state: Agreement, inbox: Mapping, solver: CADMM | None = None) -> Agreement:
+    """One robot's round, `CADMM.step`; solver None: the one that it was started with by `start`, else the default."""
+    return (solver or getattr(state, "solver", CADMM())).step(state, inbox)

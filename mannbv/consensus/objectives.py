@@ -1,7 +1,11 @@
 """What a robot maximises: F_i of the team's N yaws, tabulated yaw by yaw or given as a function (Section V-C).
 
-Tables hold gains on M uniform yaws, −π + 2π m / M, of a periodic function; between them it is the trigonometric
-interpolant. The team objective is separable, F_i(T) = Σ_k f_ik(T_k), so a table per (i, k) says everything.
+Tables hold gains on M uniform yaws, −π + 2π m / M, of a periodic function, linear in between. Linear, since its
+largest value stands at a node, where a view was evaluated, so that nothing promises more than the best of those; and
+since real gains ripple from node to node: on 105 profiles of the flat at 1°, against yaws four times as dense, smoother
+interpolants erred more (trigonometric 2.2 % rms, cubic 1.8, linear 1.7) and their maxima kept less of what they
+promised (0.975, 0.980 and 0.989 of the best yaw's gain). The team objective is separable, F_i(T) = Σ_k f_ik(T_k), so
+a table per (i, k) says everything, and the optimum is known: for each k the best node of Σ_i f_ik.
 """
 
 from dataclasses import dataclass
@@ -17,17 +21,26 @@ TIE = 1e-12  # stiffness where nothing pulls: of equally good yaws the one neare
 
 
 def grid(n_yaws: int) -> Float[np.ndarray, " yaws"]:
-    """The M uniform yaws of a table [rad], from −π."""
+    """The M uniform yaws of a table or a profile [rad], −π + 2π m / M."""
     return 2 * np.pi * np.arange(n_yaws) / n_yaws - np.pi
 
 
 def interpolate(gains: Float[np.ndarray, "*rows yaws"], yaws, slope: bool = False) -> np.ndarray:
-    """Periodic functions at one yaw [rad] each, by trigonometric interpolation of their tables; or their slopes."""
-    n = gains.shape[-1]
-    order = np.arange(n // 2 + 1)
-    share = np.where((order == 0) | (2 * order == n), 1.0, 2.0) / n
-    waves = share * np.fft.rfft(gains) * np.exp(1j * order * (np.asarray(yaws)[..., None] + np.pi))
-    return ((1j * order * waves) if slope else waves).real.sum(-1)
+    """Periodic functions at one yaw [rad] each, linear between the nodes of their tables; or their slopes [1/rad].
+
+    A slope is the central difference over one pitch to either side: continuous, and 0 on top of an even hill.
+    """
+    yaws, n = np.asarray(yaws, float), gains.shape[-1]
+    if slope:
+        pitch = 2 * np.pi / n
+        return (interpolate(gains, yaws + pitch) - interpolate(gains, yaws - pitch)) / (2 * pitch)
+    place = (yaws + np.pi) * n / (2 * np.pi)
+    low = np.floor(place)
+    shape = np.broadcast_shapes(gains.shape[:-1], low.shape)
+    table, node = np.broadcast_to(gains, (*shape, n)), np.broadcast_to(low.astype(int), shape)[..., None]
+    here, there = (np.take_along_axis(table, at % n, -1)[..., 0] for at in (node, node + 1))
+    between = here + (place - low) * (there - here)
+    return np.clip(between, np.minimum(here, there), np.maximum(here, there))  # rounding must not exceed the nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,23 +58,19 @@ class Tabulated:
     def minimise(self, origin, first, center, stiffness, circle: bool) -> np.ndarray:
         """argmin over real offsets x (N,) of −F(origin + x) + stiffness/2 ‖x − center‖², globally; `first` is unused.
 
-        N searches in one dimension. On the circle f_k is periodic, so a minimiser lies within ±π of the quadratic's:
-        any other one can come 2π nearer for free. The M nodes of that window decide, a parabola refines. Off the
+        N searches in one dimension: between two nodes this is a parabola, whose minimum is known. On the circle f_k is
+        periodic, so a minimiser lies within ±π of the quadratic's: any other one can come 2π nearer for free. Off the
         circle, x is confined to [−π, π].
         """
-        rows, n = np.arange(len(self.gains)), self.gains.shape[1]
+        n = self.gains.shape[1]
         pitch = 2 * np.pi / n
-        lowest = np.floor((origin + center) / pitch).astype(int) - 1 if circle else np.zeros(len(rows), int)
+        lowest = np.floor((origin + center) / pitch).astype(int) - 1 if circle else np.zeros(len(center), int)
         nodes = lowest[:, None] + np.arange(n + (3 if circle else 1))
-        offsets = pitch * nodes - np.pi - origin[:, None]
-        energy = stiffness / 2 * (offsets - center[:, None]) ** 2 - np.take_along_axis(self.gains, nodes % n, 1)
-        best = energy.argmin(1)
-        middle = np.clip(best, 1, nodes.shape[1] - 2)
-        before, here, after = (energy[rows, middle + k] for k in (-1, 0, 1))
-        bend = before - 2 * here + after
-        shift = np.where(bend > 0, (before - after) / np.where(bend > 0, 2 * bend, 1.0), best - middle)
-        refined = offsets[rows, middle] + pitch * np.clip(shift, -1, 1)
-        return refined if circle else np.clip(refined, -np.pi, np.pi)
+        ends, values = pitch * nodes - np.pi - origin[:, None], np.take_along_axis(self.gains, nodes % n, 1)
+        slopes = np.diff(values) / pitch
+        lows = np.clip(center[:, None] + slopes / stiffness, ends[:, :-1], ends[:, 1:])
+        energy = stiffness / 2 * (lows - center[:, None]) ** 2 - values[:, :-1] - slopes * (lows - ends[:, :-1])
+        return np.take_along_axis(lows, energy.argmin(1)[:, None], 1)[:, 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +144,11 @@ def scale_of(objectives) -> float:
 
 
 def value(objectives, yaws) -> float:
-    """The team's objective Σ_i F_i(yaws), Eq. (25), in the objectives' own unit."""
-    parts = [Called(f) if callable(f) else Tabulated(np.asarray(f, float)) for f in objectives]
-    return sum(part.value(np.asarray(yaws, float)) for part in parts)
+    """The team's objective Σ_i F_i(yaws), Eq. (25), in the objectives' own unit; no table's exceeds that of its
+    `best_yaws`."""
+    if all(callable(f) for f in objectives):
+        return sum(Called(f).value(np.asarray(yaws, float)) for f in objectives)
+    return float(interpolate(np.asarray(objectives, float).sum(0), yaws).sum())
 
 
 def tabulate(functions, announced, n_yaws: int = 72) -> Float[np.ndarray, "robots robots yaws"]:
@@ -152,10 +163,11 @@ def tabulate(functions, announced, n_yaws: int = 72) -> Float[np.ndarray, "robot
 
 
 def best_yaws(gains: Float[np.ndarray, "robots yaws"], near) -> Float[np.ndarray, " robots"]:
-    """argmax of each row [rad], refined between the nodes; of equally good yaws the one nearest to `near` (N,)."""
-    near = np.asarray(near, float)
-    here = np.zeros(len(gains))
-    return geometry.wrap(near + Tabulated(gains).minimise(near, here, here, TIE, circle=True))
+    """argmax of each row [rad]; of equally good yaws the one nearest to `near` (N,), which on a flat top is `near`."""
+    near, top = np.asarray(near, float), gains.max(1)
+    nodes = grid(gains.shape[1])
+    away = np.where(gains == top[:, None], np.abs(geometry.wrap(nodes - near[:, None])), np.inf)
+    return np.where(interpolate(gains, near) == top, geometry.wrap(near), nodes[away.argmin(1)])
 
 
 def quantise(gains: Float[np.ndarray, " yaws"], bins=36, bits=8) -> tuple[UInt8[np.ndarray, " bins"], float]:

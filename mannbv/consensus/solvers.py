@@ -1,16 +1,23 @@
 """Ways to agree on the team's yaws: C-ADMM in its forms, and what it is up against (Section V-C)."""
 
+import dataclasses
 import functools
+import inspect
+from collections import defaultdict
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict, Unpack
 
+import networkx as nx
 import numpy as np
 from jaxtyping import Float
 
 from mannbv import geometry
 from mannbv import network as networks
+from mannbv.config import Config, suggesting
 from mannbv.consensus import objectives as tables
-from mannbv.consensus.cadmm import Agreement, start, step
+from mannbv.consensus.cadmm import CADMM, Agreement, Number, Outgoing, exchange
+
+_DEFAULT = Config()
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,43 +32,70 @@ class Round:
     states: tuple[Agreement, ...] = ()  # every robot's memory, for C-ADMM
 
 
+@suggesting("consensus: no setting", "consensus.Settings")
 @dataclass(frozen=True)
 class Settings:
     """What a solver may need beside the problem. Raises ValueError for impossible values."""
 
-    penalty: Any = 0.05  # ρ, for objectives whose largest value is 1
-    growth: Any = 1.1  # ρ is multiplied by this each round
-    rounds: Any = 30  # T_ADMM, rounds of messages at most
-    tolerance: Any = 0.01  # the rounds end when both residuals are smaller
-    primal: Any = None  # "exact" or "gradient"; None: as the solver's name says
-    rng: Any = None  # a numpy generator, for solvers that draw
-    loss: Any = 0.0  # probability that a message is lost (C-ADMM only; needs rng)
-    scale: Any = None  # objectives are divided by this; None: their largest absolute value, 1 for functions
-    steps: Any = 5  # of the gradient primal
-    rate: Any = 0.2  # [rad²] step of the gradient primal
-    bins: Any = 36  # of a quantised profile
-    bits: Any = 8  # of each bin
+    penalty: Number = CADMM.penalty  # ρ, for objectives whose largest value is 1
+    growth: Number = CADMM.growth  # ρ is multiplied by this each round
+    rounds: int = _DEFAULT.rounds  # T_ADMM, rounds of messages at most
+    tolerance: Number = _DEFAULT.tolerance  # the rounds end when both residuals are smaller
+    primal: str | None = None  # "exact" or "gradient"; None: as the solver's name says
+    rng: np.random.Generator | None = None  # for solvers that draw
+    loss: Number = 0.0  # probability that a message is lost (C-ADMM only; needs rng)
+    scale: Number | None = None  # objectives are divided by this; None: their largest absolute value, 1 for functions
+    steps: int = CADMM.steps  # of the gradient primal
+    rate: Number = CADMM.rate  # [rad²] step of the gradient primal
+    bins: int = 36  # of a quantised profile
+    bits: int = 8  # of each bin
 
     def __post_init__(self):
-        for name in ("penalty", "growth", "rate", *(() if self.scale is None else ("scale",))):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ValueError(f"consensus: {name} must be positive and finite, got {getattr(self, name)}")
-        for name in ("rounds", "steps", "tolerance"):
+        self.cadmm()
+        if self.scale is not None and not 0 < self.scale < np.inf:
+            raise ValueError(f"consensus: scale must be positive and finite, got {self.scale}")
+        for name in ("rounds", "tolerance"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"consensus: {name} must not be negative, got {getattr(self, name)}")
         if not 0 <= self.loss < 1 or (self.loss and self.rng is None):
             raise ValueError(f"consensus: loss must lie in [0, 1) and needs an rng, got {self.loss} and {self.rng}")
 
-    @staticmethod
-    def of(settings: dict) -> "Settings":
-        """From keywords. Raises ValueError for one that is no setting."""
-        unknown = sorted(set(settings) - set(Settings.__dataclass_fields__))
-        if unknown:
-            raise ValueError(f"consensus: no setting is called {', '.join(unknown)}; see consensus.Settings")
-        return Settings(**settings)
+    def cadmm(self, primal: str = "exact", circle: bool = True) -> CADMM:
+        """The C-ADMM of these settings; `primal` where they leave it open."""
+        return CADMM(self.penalty, self.growth, self.primal or primal, circle, self.steps, self.rate)
 
 
-def solve(objectives, network, yaws, solver: str = "cadmm", **settings) -> list[Round]:
+class Options(TypedDict, total=False):
+    """The fields of `Settings` for a type checker, which cannot read them off the record."""
+
+    penalty: Number
+    growth: Number
+    rounds: int
+    tolerance: Number
+    primal: str | None
+    rng: np.random.Generator | None
+    loss: Number
+    scale: Number | None
+    steps: int
+    rate: Number
+    bins: int
+    bits: int
+
+
+def explicit(function):
+    """The function itself; its signature now names the fields of `Settings`, for `help` and completion."""
+    signature = inspect.signature(function)
+    given = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+    options = [
+        inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=f.type)
+        for f in dataclasses.fields(Settings)
+    ]
+    function.__signature__ = signature.replace(parameters=given + options)
+    return function
+
+
+@explicit
+def solve(objectives, network: nx.Graph, yaws, solver: str = "cadmm", **settings: Unpack[Options]) -> list[Round]:
     """The team's yaws that maximise Σ_i F_i, Eq. (25), as a trace of rounds; the last one is the answer.
 
     objectives: (N, N, M) gains of robot k's view in robot i's map on M uniform yaws of [−π, π), or N functions
@@ -71,16 +105,16 @@ def solve(objectives, network, yaws, solver: str = "cadmm", **settings) -> list[
     """
     if solver not in SOLVERS:
         raise ValueError(f"consensus: no solver is called '{solver}'; choose one of {', '.join(SOLVERS)}")
-    settings = Settings.of(settings)
+    chosen = Settings(**settings)
     objectives = tables.checked(objectives)
     n = len(objectives)
     networks.check(network, n)
     yaws = np.asarray(yaws, float)
     if yaws.shape not in ((n,), (n, n)) or not np.isfinite(yaws).all():
         raise ValueError(f"consensus: yaws must be {n} or {n} × {n} finite angles, got {yaws.tolist()}")
-    scale = float(settings.scale or tables.scale_of(objectives))
+    scale = float(chosen.scale or tables.scale_of(objectives))
     scaled = [tables.Called(f, scale) for f in objectives] if _functions(objectives) else objectives / scale
-    answer = SOLVERS[solver](scaled, network, yaws, settings)
+    answer = SOLVERS[solver](scaled, network, yaws, chosen)
     return answer if isinstance(answer, list) else [_alone(_announced(yaws), np.asarray(answer, float))]
 
 
@@ -148,32 +182,32 @@ def profile(objectives, network, yaws, settings) -> list[Round]:
     return [_alone(announced, tables.best_yaws(team, announced))]
 
 
-def _cadmm(objectives, network, yaws, settings, circle, primal) -> list[Round]:
+def _cadmm(objectives, network, yaws, settings, primal="exact", circle=True) -> list[Round]:
     announced = _announced(yaws)
-    options = {name: getattr(settings, name) for name in ("penalty", "growth", "steps", "rate")}
-    options |= {"circle": circle, "primal": settings.primal or primal}
     firsts = np.tile(announced, (len(announced), 1)) if yaws.ndim == 1 else yaws
-    states = [
-        start(i, networks.neighbours(network, i), announced, objectives[i], copies=firsts[i], **options)
-        for i in range(len(announced))
+    return played(settings.cadmm(primal, circle), objectives, network, announced, firsts, settings, _stand)
+
+
+def played(solver: CADMM, objectives, network, announced, firsts, settings: Settings, stand) -> list:
+    """C-ADMM from first copies (N, N), its messages in memory: stand(states, largest residuals, ρ) after each round."""
+
+    def deliver(outbox: list[Outgoing]) -> dict[int, dict]:
+        inboxes = defaultdict(dict)
+        for note in sorted(outbox, key=lambda note: (note.receiver, note.sender)):
+            if not (settings.loss and settings.rng.random() < settings.loss):
+                inboxes[note.receiver][note.sender] = note.offsets
+        return inboxes
+
+    team = [
+        solver.start(i, networks.neighbours(network, i), announced, objectives[i], copies=firsts[i])
+        for i in range(len(objectives))
     ]
-    return exchange(states, settings, _stand)
-
-
-def exchange(states: list[Agreement], settings: Settings, stand) -> list:
-    """Rounds of messages until both residuals are small: a trace of stand(states, (primal, dual residual), penalty)."""
-    trace, penalty = [], float(settings.penalty)
-    while True:
-        residuals = tuple(max(getattr(s, name) for s in states) for name in ("primal_residual", "dual_residual"))
+    trace, penalty = [], float(solver.penalty)
+    for states in exchange(solver, team, deliver, settings.rounds, settings.tolerance):
+        residuals = (max(s.primal_residual for s in states), max(s.dual_residual for s in states))
         trace.append(stand(states, residuals, penalty))
-        if len(trace) > settings.rounds or max(residuals) < settings.tolerance:
-            return trace
-        penalty, sent = states[0].penalty, [state.copies for state in states]
-        states = [step(s, {j: sent[j] for j in s.neighbours if not _lost(settings)}) for s in states]
-
-
-def _lost(settings) -> bool:
-    return settings.loss > 0 and settings.rng.random() < settings.loss
+        penalty = states[0].penalty
+    return trace
 
 
 def _stand(states, residuals, penalty: float) -> Round:
@@ -182,9 +216,9 @@ def _stand(states, residuals, penalty: float) -> Round:
 
 
 SOLVERS = {
-    "cadmm": functools.partial(_cadmm, circle=True, primal="exact"),
-    "cadmm-gradient": functools.partial(_cadmm, circle=True, primal="gradient"),  # the paper's primal update
-    "cadmm-literal": functools.partial(_cadmm, circle=False, primal="exact"),  # shows what goes wrong at ±π
+    "cadmm": _cadmm,
+    "cadmm-gradient": functools.partial(_cadmm, primal="gradient"),  # the paper's primal update
+    "cadmm-literal": functools.partial(_cadmm, circle=False),  # shows what goes wrong at ±π
     "profile": profile,
     "own": own,
     "optimum": optimum,

@@ -5,13 +5,16 @@ in place of N yaws. Only who evaluates an objective knows what a twist does to a
 """
 
 from dataclasses import dataclass
+from typing import Unpack
 
+import networkx as nx
 import numpy as np
 from jaxtyping import Float
 
 from mannbv import network as networks
-from mannbv.consensus.cadmm import Agreement, start
-from mannbv.consensus.solvers import Settings, exchange
+from mannbv.consensus.cadmm import Agreement
+from mannbv.consensus.objectives import Called
+from mannbv.consensus.solvers import Options, Settings, explicit, played
 
 SOLVERS = {"cadmm": "exact", "cadmm-gradient": "gradient"}
 
@@ -28,7 +31,10 @@ class TwistRound:
     states: tuple[Agreement, ...] = ()
 
 
-def solve_twists(objectives, network, directions, solver: str = "cadmm", **settings) -> list[TwistRound]:
+@explicit
+def solve_twists(
+    objectives, network: nx.Graph, directions, solver: str = "cadmm", **settings: Unpack[Options]
+) -> list[TwistRound]:
     """The team's poses that maximise Σ_i F_i, Eq. (25), as a trace of rounds of twists; the last one is the answer.
 
     objectives: N functions F_i(twists (N, t)) of the robots' twists from their announced poses; a method or attribute
@@ -41,24 +47,19 @@ def solve_twists(objectives, network, directions, solver: str = "cadmm", **setti
         raise ValueError(f"consensus: no solver of twists is called '{solver}'; choose one of {', '.join(SOLVERS)}")
     if not objectives or not all(callable(f) for f in objectives):
         raise ValueError("consensus: objectives of twists must be a list of N functions")
-    settings, n = Settings.of(settings), len(objectives)
+    chosen, n = Settings(**settings), len(objectives)
     networks.check(network, n)
     directions = np.asarray(directions, float)
     if directions.ndim != 3 or len(directions) != n or 0 in directions.shape or not np.isfinite(directions).all():
         raise ValueError(f"consensus: directions must be finite and ({n}, k, t), got {directions.shape}")
-    options = {name: getattr(settings, name) for name in ("penalty", "growth", "steps", "rate")}
-    options |= {"primal": settings.primal or SOLVERS[solver], "scale": float(settings.scale or 1.0)}
-    still = np.zeros(directions[..., 0].size)
-    states = [
-        start(i, networks.neighbours(network, i), still, _along(f, directions), **options)
-        for i, f in enumerate(objectives)
-    ]
 
     def stand(states, residuals, penalty) -> TwistRound:
         copies = np.stack([_twists(state.agreed, directions) for state in states])
         return TwistRound(copies[range(n), range(n)], copies, *residuals, penalty, tuple(states))
 
-    return exchange(states, settings, stand)
+    scaled = [Called(_along(f, directions), float(chosen.scale or 1.0)) for f in objectives]
+    still = np.zeros((n, directions[..., 0].size))
+    return played(chosen.cadmm(SOLVERS[solver]), scaled, network, still[0], still, chosen, stand)
 
 
 def _twists(coordinates: np.ndarray, directions: np.ndarray) -> np.ndarray:

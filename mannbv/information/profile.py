@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from mannbv import geometry, render, splats
+from mannbv import consensus, geometry, render, splats
 from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.geometry import Pose
@@ -54,9 +54,7 @@ class YawProfile:
         return np.array(chosen)
 
 
-def uniform_yaws(n: int) -> np.ndarray:
-    """−π + 2π m / n, m = 0 … n − 1 [rad]."""
-    return -math.pi + 2 * math.pi * np.arange(n) / n
+uniform_yaws = consensus.grid  # profiles and what robots agree on have one grid of yaws
 
 
 def yaw_profile(

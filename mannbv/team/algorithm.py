@@ -43,7 +43,7 @@ def cycle(robots: list[Robot], mission: Mission, post: messages.Mailbox, number:
         suggestions=tuple(suggestions),
         residuals=tuple(residuals),
         team_gain=objective.team(gains, yaws),
-        best_gain=float(gains.sum(0).max(1).sum()),
+        best_gain=objective.best(gains),
         own_gain=objective.team(gains, np.array([robot.announced for robot in robots])),
         seconds=Seconds(**clock.spent),
     )
