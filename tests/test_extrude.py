@@ -264,6 +264,16 @@ def test_a_plan_file_becomes_a_space(name):
     assert sum(image.nbytes for image in space.seen.images) < 50e6
 
 
+def test_a_body_in_space_runs_into_what_flatland_is_cut_below(tmp_path):
+    """A shelf from 1.1 m up, above flatland's cut and in the height of the body; a sill of 8 cm is the reverse."""
+    things = [box([1, 1.5], [0.5, 0.5], 0.4, elevation=1.1), box([3, 1.5], [0.5, 0.5], 0.08)]
+    built(tmp_path, [room(HUT)], things)
+    shelf, sill = np.array([[1.0, 1.5]]), np.array([[3.0, 1.5]])
+    plane, space = (world.load(tmp_path / "hut.json", dim=dim) for dim in (2, 3))
+    assert not plane.ground.solid(shelf) and plane.ground.solid(sill)
+    assert space.ground.solid(shelf) and not space.ground.solid(sill)
+
+
 def test_images_of_a_large_hall_stay_small(tmp_path):
     texture = {"kind": "stripes", "period": 2.0, "contrast": 0.3}
     surfaces = built(tmp_path, [room([[0, 0], [60, 0], [60, 50], [0, 50]], texture=texture)])

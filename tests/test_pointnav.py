@@ -128,10 +128,10 @@ def test_another_scene_of_the_file(tmp_path, scenes):
     listed = [episode([3, 2, 0], [5, 3, 0]), episode([1, 3, 0], [5, 3, 0], scene="gibson/Other.glb")]
     path = packed(tmp_path / "val.json.gz", {"episodes": listed})
     assert pointnav.load(path, scenes).name == "Room"
-    other = pointnav.load(path, scenes, scene="Other")
+    other = pointnav.load(path, scenes, building="Other")
     assert other.name == "Other" and other.starts[0, 0] == 1
     with pytest.raises(SceneError, match="no episode in Third"):
-        pointnav.load(path, scenes, scene="Third")
+        pointnav.load(path, scenes, building="Third")
 
 
 # ---- files that cannot be used -------------------------------------------------------------------------------------
@@ -187,7 +187,7 @@ def test_a_split_points_to_its_content(tmp_path, scenes):
         ({"start_rotation": [0, 0, 0, 0]}, "start_rotation must be a unit quaternion"),
         ({"goals": []}, "goals must be a list of at least one goal"),
         ({"goals": [{"position": None}]}, "episodes[1].goals[0].position must be 3 finite numbers, got null"),
-        ({"scene_id": None}, "scene_id must be the name of a mesh"),
+        ({"scene_id": None}, "scene_id must be a line of printable text"),
         ({"scene_id": "a\nb"}, "scene_id"),
     ],
 )

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from mannbv.world import Surfaces
-from mannbv.world.surfaces import Caster, _halved
+from mannbv.world.surfaces import _halved
 
 
 def brute_force(corners, origins, directions):
@@ -145,6 +145,6 @@ def test_surfaces_travel_to_another_process_and_see_the_same():
 
 def test_nothing_to_hit_and_no_rays():
     nothing = Surfaces.plain(np.zeros((0, 3, 3)))
-    depth, face = Caster(nothing).first(np.zeros((2, 3)), np.ones((2, 3)))
+    depth, face = nothing.cast(np.zeros((2, 3)), np.ones((2, 3)))
     assert np.isinf(depth).all() and (face == -1).all()
     assert nothing.sampled(0.1).shape == (0, 3)

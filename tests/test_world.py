@@ -162,26 +162,32 @@ def test_noise_texture_is_smooth_fixed_by_place_and_not_flat():
         assert (a[1:] - a[:-1]).abs().max() < 0.15
 
 
-def test_noise_comes_from_the_generator_alone(load):
-    room, pose = load(box_plan()), geometry.yaw_pose([1.0, 1.0], 0.3)
-    clean = room.sense(CAMERA, pose)
-    noisy = [
-        room.sense(CAMERA, pose, depth_noise=0.02, color_noise=0.1, rng=np.random.default_rng(seed))
-        for seed in (1, 1, 2)
-    ]
-    assert torch.equal(noisy[0].depth, noisy[1].depth)
-    assert torch.equal(noisy[0].color, noisy[1].color)
-    assert not torch.equal(noisy[0].depth, noisy[2].depth)
-    assert noisy[0].color.min() >= 0
-    assert noisy[0].color.max() <= 1
+@pytest.mark.parametrize("dim", [2, 3])
+def test_one_sensor_serves_both_worlds(dim):
+    """Noise of the asked spread, from the generator alone; the range cuts depths and no colours."""
+    flat, camera = world.load("flat", dim=dim), Camera.of_dim(dim, 48, 48, math.pi / 2)
+    pose = geometry.yaw_pose([2.9, 5.0, 1.25][:dim], 0.4)
+    clean, near = flat.sense(camera, pose), flat.sense(camera, pose, max_depth=2.0)
+    assert torch.equal(near.depth, torch.where(clean.depth <= 2.0, clean.depth, 0.0))
+    assert (near.depth == 0).any() and torch.equal(near.color, clean.color)
+    noise = {"depth_noise": 0.02, "color_noise": 0.1}
+    noisy, again, other = (flat.sense(camera, pose, **noise, rng=np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert torch.equal(noisy.depth, again.depth) and torch.equal(noisy.color, again.color)
+    assert not torch.equal(noisy.depth, other.depth)
+    assert noisy.color.min() >= 0 and noisy.color.max() <= 1
     rng = np.random.default_rng(0)
-    frames = [room.sense(CAMERA, pose, depth_noise=0.02, rng=rng) for _ in range(400)]
+    frames = [flat.sense(camera, pose, depth_noise=0.02, rng=rng) for _ in range({2: 400, 3: 9}[dim])]
     relative = torch.stack([f.depth for f in frames]) / clean.depth - 1
     assert float(relative.std()) == pytest.approx(0.02, rel=0.03)
     with pytest.raises(ValueError, match="rng"):
-        room.sense(CAMERA, pose, depth_noise=0.02)
-    with pytest.raises(ValueError, match="a camera of flatland has no height"):
-        room.sense(Camera.from_fov(8, 8), pose)
+        flat.sense(camera, pose, depth_noise=0.02)
+    other = 5 - dim
+    with pytest.raises(
+        ValueError, match=f"flat has {dim} dimensions, but the camera {other} and the pose {dim}; a cam"
+    ):
+        flat.sense(Camera.of_dim(other, 8, 8, math.pi / 2), pose)
+    with pytest.raises(ValueError, match=f"the camera {dim} and the pose {other}"):
+        flat.sense(camera, geometry.yaw_pose(np.ones(other), 0.0))
 
 
 # --- surfaces and free space ---
@@ -370,20 +376,6 @@ def test_turning_takes_the_short_way_in_whole_turns():
     np.testing.assert_allclose(np.diff(np.unwrap([3.0, *yaws])), TURN)
     assert list(world.turn_to(0.0, 0.02, TURN)) == []
     assert len(list(world.turn_to(0.0, -1.0, TURN))) == 11
-
-
-def test_actions_lead_to_the_waypoint(rng):
-    for _ in range(50):
-        position, yaw, goal = rng.uniform(-1, 1, 2), rng.uniform(-3, 3), rng.uniform(-1, 1, 2)
-        for action in world.actions_towards(position, yaw, goal, 0.05, TURN):
-            position, yaw = world.move(position, yaw, action, 0.05, TURN)
-        assert math.dist(position, goal) < 0.035
-    position, yaw = world.move([0.0, 0.0], math.pi / 2, "forward", 0.05)
-    np.testing.assert_allclose([*position, yaw], [0, 0.05, math.pi / 2], atol=1e-12)
-    assert world.move([0.0, 0.0], 0.0, "left", turn=TURN)[1] == pytest.approx(TURN)
-    assert world.move([0.0, 0.0], 0.0, "right", turn=TURN)[1] == pytest.approx(-TURN)
-    with pytest.raises(ValueError, match="forward, left, right"):
-        world.move([0.0, 0.0], 0.0, "back")
 
 
 # --- ROS maps ---

@@ -3,13 +3,12 @@
 from mannbv.world.errors import SceneError
 from mannbv.world.ground import Ground
 from mannbv.world.library import Summary, load, scenes
-from mannbv.world.motion import ACTIONS, actions_towards, follow, move, turn_to
+from mannbv.world.motion import follow, turn_to
 from mannbv.world.segments import TEXTURES, Segments
 from mannbv.world.surfaces import Surfaces
 from mannbv.world.world import World
 
 __all__ = [
-    "ACTIONS",
     "TEXTURES",
     "Ground",
     "SceneError",
@@ -17,10 +16,8 @@ __all__ = [
     "Summary",
     "Surfaces",
     "World",
-    "actions_towards",
     "follow",
     "load",
-    "move",
     "scenes",
     "turn_to",
 ]

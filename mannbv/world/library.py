@@ -10,8 +10,6 @@ from mannbv.world.errors import SceneError
 from mannbv.world.formats import mesh, plan, pointnav, rosmap
 from mannbv.world.world import World
 
-_OF_A_MESH = ("up", "scale", "floor", "scenes_dir", "building")  # the last two: of PointNav episodes only
-
 
 @dataclass(frozen=True)
 class Summary:
@@ -37,7 +35,18 @@ def scenes() -> list[Summary]:
     return sorted((Summary(p.name, p.description, p.inside.area) for p in plans), key=lambda s: s.area)
 
 
-def load(scene, *, dim: int | None = None, starts=None, goals=None, **of_a_mesh) -> World:
+def load(
+    scene,
+    *,
+    dim: int | None = None,
+    starts=None,
+    goals=None,
+    up: str | None = None,
+    scale: float | None = None,
+    floor: float | None = None,
+    scenes_dir=None,
+    building: str | None = None,
+) -> World:
     """The world of a bundled scene (its name) or a plan (`.json`), flat or in 3-D; of a ROS map (`.yaml`, flat); of a
     mesh (`.glb`, `.gltf`, `.obj`, `.ply`) or a Habitat PointNav file (`.json.gz`), in 3-D or the plan of its ground.
 
@@ -46,33 +55,28 @@ def load(scene, *, dim: int | None = None, starts=None, goals=None, **of_a_mesh)
     PointNav episodes also: scenes_dir, where their meshes lie, and building, the name of one of them (default: the
     first's). Loading executes nothing. Raises SceneError, one line that names the file, the thing and the remedy.
     """
-    given = {name: value for name, value in of_a_mesh.items() if value is not None}
-    unknown = sorted(set(given) - set(_OF_A_MESH))
-    if unknown:
-        raise TypeError(f"load: no option is called {', '.join(unknown)}; known: {', '.join(_OF_A_MESH)}")
+    given = {"up": up, "scale": scale, "floor": floor, "scenes_dir": scenes_dir, "building": building}
+    given = {name: value for name, value in given.items() if value is not None}
     return _load(Path(scene), dim, given).placed(starts, goals)
 
 
 def _load(path: Path, dim: int | None, given: dict) -> World:
-    suffix = ".json.gz" if path.name.lower().endswith(".json.gz") else path.suffix.lower()
-    if suffix == ".json.gz":
-        place = pointnav.load(path, given.pop("scenes_dir", None), given.pop("building", None), **given)
-        return _grounded(place) if dim == 2 else place
-    wrong = [name for name in given if suffix not in mesh.SUFFIXES or name not in _OF_A_MESH[:3]]
-    if wrong:
-        what = "PointNav episodes" if wrong[0] not in _OF_A_MESH[:3] else "meshes and PointNav episodes"
-        raise SceneError(f"{path}: --{wrong[0].replace('_', '-')} is for {what}; leave it out")
-    if suffix in mesh.SUFFIXES:
-        place = mesh.load(path, **given)
-        return _grounded(place) if dim == 2 else place
-    if suffix in (".yaml", ".yml"):
+    kind = ".json.gz" if path.name.lower().endswith(".json.gz") else path.suffix.lower()
+    for option in given:
+        if kind != ".json.gz" and (kind not in mesh.SUFFIXES or option in ("scenes_dir", "building")):
+            kinds = "PointNav episodes" if option in ("scenes_dir", "building") else "meshes and PointNav episodes"
+            raise SceneError(f"{path}: --{option.replace('_', '-')} is for {kinds}; leave it out")
+    if kind == ".json.gz" or kind in mesh.SUFFIXES:
+        building = (mesh if kind in mesh.SUFFIXES else pointnav).load(path, **given)
+        return _grounded(building) if dim == 2 else building
+    if kind in (".yaml", ".yml"):
         if dim == 3:
             raise SceneError(f"{path}: a ROS map tells no heights; use --dim 2, or give a mesh")
         return rosmap.load(path)
-    if suffix != ".json":
+    if kind != ".json":
         names = ", ".join(scene.name for scene in scenes())
         known = f"give one of {names}, a plan (.json), a ROS map (.yaml), a mesh ({', '.join(mesh.SUFFIXES)})"
-        if suffix or len(path.parts) != 1 or not (folder() / f"{path.name}.json").is_file():
+        if kind or len(path.parts) != 1 or not (folder() / f"{path.name}.json").is_file():
             raise SceneError(f"{path}: no such scene; {known}, or PointNav episodes (.json.gz)")
         path = folder() / f"{path.name}.json"
     return extrude.load(path) if dim == 3 else plan.load(path)

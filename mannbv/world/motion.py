@@ -11,23 +11,10 @@ import numpy as np
 from mannbv import geometry
 from mannbv.config import Config
 
-ACTIONS = ("forward", "left", "right")
 STEP, TURN = Config().step, Config().turn  # [m] [rad]
 LOOKAHEAD = 0.4  # [m] the follower aims at most this far ahead …
 TOLERANCE = 0.015  # [m] … and cuts no more than this off the path
 _SAMPLE = 0.01  # [m] spacing of the path's points in the search
-
-
-def move(position, yaw, action: str, step=STEP, turn=TURN) -> tuple[np.ndarray, float]:
-    """The state after one action. Raises ValueError for an action that is not in `ACTIONS`."""
-    position, yaw = np.asarray(position, float), float(yaw)
-    if action == "forward":
-        ahead = np.zeros_like(position)
-        ahead[:2] = math.cos(yaw), math.sin(yaw)
-        return position + step * ahead, yaw
-    if action not in ACTIONS:
-        raise ValueError(f"move: an action is one of {', '.join(ACTIONS)}, got {action}")
-    return position, geometry.wrap(yaw + (turn if action == "left" else -turn))
 
 
 def turn_to(yaw, target, turn=TURN) -> Iterator[float]:
@@ -35,22 +22,6 @@ def turn_to(yaw, target, turn=TURN) -> Iterator[float]:
     count = round(geometry.wrap(float(target) - float(yaw)) / turn)
     for k in range(1, abs(count) + 1):
         yield geometry.wrap(float(yaw) + math.copysign(k, count) * turn)
-
-
-def actions_towards(position, yaw, waypoint, step=STEP, turn=TURN) -> Iterator[str]:
-    """The actions of a robot that heads straight for `waypoint` (≥ 2,), until no step would bring it nearer."""
-    position, waypoint = np.asarray(position, float)[:2], np.asarray(waypoint, float)[:2]
-    while (distance := math.dist(position, waypoint)) > 0.55 * step:
-        target = math.atan2(*(waypoint - position)[::-1])
-        count = round(geometry.wrap(target - yaw) / turn)
-        for _ in range(abs(count)):
-            yield "left" if count > 0 else "right"
-        yaw = geometry.wrap(yaw + count * turn)
-        moved, _ = move(position, yaw, "forward", step)
-        if math.dist(moved, waypoint) >= distance:  # a coarse turn may point past the waypoint
-            return
-        position = moved
-        yield "forward"
 
 
 def follow(position, yaw, path, step=STEP, turn=TURN) -> Iterator[tuple[np.ndarray, float]]:
@@ -74,11 +45,12 @@ def follow(position, yaw, path, step=STEP, turn=TURN) -> Iterator[tuple[np.ndarr
         for _ in range(abs(count)):
             turns += int(math.copysign(1, count))
             yield position, geometry.wrap(first + turns * turn)
-        moved, _ = move(position, first + turns * turn, "forward", step)
+        yaw = first + turns * turn
+        moved = position + step * np.array([math.cos(yaw), math.sin(yaw)])
         if len(points) - here <= step / _SAMPLE and math.dist(moved, points[-1]) >= math.dist(position, points[-1]):
             return
         position = moved
-        yield position, geometry.wrap(first + turns * turn)
+        yield position, geometry.wrap(yaw)
 
 
 def _aim(position: np.ndarray, ahead: np.ndarray, step) -> np.ndarray:

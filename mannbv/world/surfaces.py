@@ -69,8 +69,10 @@ class Surfaces:
         return Surfaces, (self.corners, self.colors, self.uv, self.image, self.images)
 
     @cached_property
-    def _rays(self) -> "Caster":
-        return Caster(self)
+    def _embree(self) -> tuple[EmbreeScene, TriangleMesh, np.ndarray]:
+        """Its scene and mesh, in single precision and hence about the triangles' middle (3,)."""
+        scene, middle = EmbreeScene(robust=True), (self.lower + self.upper) / 2
+        return scene, TriangleMesh(scene, (self.corners - middle).astype(np.float32)), middle
 
     @cached_property
     def _pyramids(self):
@@ -102,8 +104,17 @@ class Surfaces:
         return ((self.uv < -1e-4) | (self.uv > 1 + 1e-4)).any((1, 2))
 
     def cast(self, origins, directions) -> tuple[np.ndarray, np.ndarray]:
-        """`Caster.first`, built at the first call."""
-        return self._rays.first(origins, directions)
+        """The first triangle that each ray meets: depth (k,) in lengths of its direction, inf for none; face (k,), −1.
+
+        origins (k, 3) [m], directions (k, 3) of any length but zero. embree finds the face, double precision the depth.
+        """
+        origins, directions = np.ascontiguousarray(origins, float), np.ascontiguousarray(directions, float)
+        if not (len(origins) and len(self.corners)):
+            return np.full(len(origins), math.inf), np.full(len(origins), -1, np.int32)
+        scene, _, middle = self._embree
+        start = (origins - middle).astype(np.float32)
+        faces = scene.run(start, directions.astype(np.float32), output=1)["primID"].astype(np.int32)
+        return texture.depths(origins, directions, self.corners, faces), faces
 
     def view(self, camera: Camera, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
         """Colours (h, w, 3) in [0, 1] and depths (h, w) [m] along the axis; black and inf where there is nothing.
@@ -126,29 +137,6 @@ class Surfaces:
             np.asarray(origin, float), np.ascontiguousarray(directions, float), faces, self.corners, self.colors,
             self.uv, self.image, self._wrapped, self._texel, levels, texels, float(spread),
         )  # fmt: skip
-
-
-class Caster:
-    """Rays against triangles: embree finds the face, double precision the depth."""
-
-    def __init__(self, surfaces: Surfaces):
-        self.corners = np.ascontiguousarray(surfaces.corners)
-        self.middle = (surfaces.lower + surfaces.upper) / 2 if len(self.corners) else np.zeros(3)
-        self._scene = EmbreeScene(robust=True)
-        # float32, hence around the middle
-        self._mesh = TriangleMesh(self._scene, (self.corners - self.middle).astype(np.float32))
-
-    def first(self, origins, directions) -> tuple[np.ndarray, np.ndarray]:
-        """The first triangle that each ray meets: depth (k,) in lengths of its direction, inf for none; face (k,), −1.
-
-        origins (k, 3) [m], directions (k, 3) of any length but zero.
-        """
-        origins, directions = np.ascontiguousarray(origins, float), np.ascontiguousarray(directions, float)
-        if not (len(origins) and len(self.corners)):
-            return np.full(len(origins), math.inf), np.full(len(origins), -1, np.int32)
-        start = (origins - self.middle).astype(np.float32)
-        faces = self._scene.run(start, directions.astype(np.float32), output=1)["primID"].astype(np.int32)
-        return texture.depths(origins, directions, self.corners, faces), faces
 
 
 def _halved(picture: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """JSON read strictly: every complaint names the file, the place in it, what was wanted and what was found."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,16 +22,17 @@ def read(path, form: str) -> "Entry":
         raise SceneError(f"{path}: not valid JSON ({error}); is the file complete? See data/README.md") from None
     if not isinstance(document, dict) or document.get("format") != form:
         raise SceneError(f'{path}: "format" must be "{form}"; is this a plan? See data/README.md')
-    return Entry(document, str(path), "")
+    return Entry(document, str(path))
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One JSON object and where it stands, so that every complaint names its place."""
+    """One JSON object and where it stands, so that every complaint names its place, and the remedy."""
 
     values: dict
     file: str
-    place: str
+    place: str = ""
+    remedy: str = "see data/README.md"
 
     def at(self, key: str) -> str:
         """The place of an entry, as in walls[3].from."""
@@ -40,12 +41,12 @@ class Entry:
     def fail(self, key: str, wanted: str, value):
         shown = json.dumps(value)
         shown = shown if len(shown) < 60 else shown[:57] + "…"
-        raise SceneError(f"{self.file}: {self.at(key)} must be {wanted}, got {shown}; see data/README.md")
+        raise SceneError(f"{self.file}: {self.at(key)} must be {wanted}, got {shown}; {self.remedy}")
 
     def get(self, key: str, *default):
         """The value of a key; the default, where one is given, if it is absent."""
         if key not in self.values and not default:
-            raise SceneError(f"{self.file}: {self.at(key)} is missing; see data/README.md")
+            raise SceneError(f"{self.file}: {self.at(key)} is missing; {self.remedy}")
         return self.values.get(key, *default)
 
     def text(self, key: str) -> str:
@@ -87,7 +88,7 @@ class Entry:
         """The object `value` that stands under `key`."""
         if not isinstance(value, dict):
             self.fail(key, "a JSON object", value)
-        return Entry(value, self.file, self.at(key))
+        return replace(self, values=value, place=self.at(key))
 
     def children(self, key: str, *default) -> list["Entry"]:
         """The objects in a list."""

@@ -17,6 +17,7 @@ from mannbv.config import Config
 from mannbv.world import errors, places
 from mannbv.world.errors import SceneError
 from mannbv.world.formats import mesh, storeys
+from mannbv.world.formats.entries import Entry
 from mannbv.world.ground import EYE, Ground
 from mannbv.world.surfaces import Surfaces
 from mannbv.world.world import World
@@ -26,8 +27,10 @@ STEP = 0.3  # [m] an episode's height may differ so much from its storey's floor
 HINT = "Gibson's scenes are free to get under their own licence, README.md says how"
 
 
-def load(path, scenes_dir, scene: str | None = None, up=None, scale=None, floor=None, n_robots: int = 10) -> World:
-    """The scene of a file's first episode, or of the first in `scene`, with its episodes' starts and goals.
+def load(
+    path, scenes_dir=None, building: str | None = None, up=None, scale=None, floor=None, n_robots: int = 10
+) -> World:
+    """The scene of a file's first episode, or of the first in a `building`, with its episodes' starts and goals.
 
     scenes_dir: the folder that holds what scene_id names, as in gibson/Cantwell.glb. The robots take the episodes on
     the first one's storey, in order, but for those whose start is not free, whose goal is out of reach, or that come
@@ -38,12 +41,12 @@ def load(path, scenes_dir, scene: str | None = None, up=None, scale=None, floor=
     if scenes_dir is None:
         raise SceneError(f"{path}: which folder holds its scenes? Name it with --scenes-dir; {HINT}")
     episodes = read(path)
-    if scene is not None:
+    if building is not None:
         known = sorted({PurePosixPath(e.scene).stem for e in episodes})
-        episodes = [e for e in episodes if scene in (e.scene, PurePosixPath(e.scene).stem)]
+        episodes = [e for e in episodes if building in (e.scene, PurePosixPath(e.scene).stem)]
         if not episodes:
             some = ", ".join(known[:20]) + ", …" * (len(known) > 20)
-            raise SceneError(f"{path}: has no episode in {scene}; its buildings are {some}")
+            raise SceneError(f"{path}: has no episode in {building}; its buildings are {some}")
     name = episodes[0].scene
     episodes = [e for e in episodes if e.scene == name]
     file = _found(path, Path(scenes_dir), name)
@@ -100,39 +103,20 @@ def read(path) -> list[Episode]:
         inside = sorted((path.parent / "content").glob("*.json.gz"))
         remedy = f"give one of content/, as {inside[0]}" if inside else "give another file"
         raise SceneError(f"{path}: its list of episodes is empty; {remedy}")
-    return [_episode(path, k, entry) for k, entry in enumerate(listed)]
+    episodes = Entry(document, str(path), remedy="is this a PointNav data set?").children("episodes")
+    return [_episode(entry) for entry in episodes]
 
 
-def _episode(path: Path, k: int, entry) -> Episode:
+def _episode(entry: Entry) -> Episode:
     """An entry of the list, in this project's axes."""
-
-    def fail(key, wanted, value):
-        shown = json.dumps(value)
-        shown = shown if len(shown) < 60 else shown[:57] + "…"
-        raise SceneError(f"{path}: episodes[{k}]{key} must be {wanted}, got {shown}; is this a PointNav data set?")
-
-    def numbers(holder, key, count, place=""):
-        values = holder.get(key)
-        if not isinstance(values, list) or len(values) != count or not all(map(_is_number, values)):
-            fail(f"{place}.{key}", f"{count} finite numbers", values)
-        return np.array(values, float)
-
-    if not isinstance(entry, dict):
-        fail("", "an object", entry)
-    scene, goals = entry.get("scene_id"), entry.get("goals")
-    if not isinstance(scene, str) or not scene.strip() or not scene.isprintable():
-        fail(".scene_id", "the name of a mesh", scene)
-    if not isinstance(goals, list) or not goals or not isinstance(goals[0], dict):
-        fail(".goals", "a list of at least one goal", goals)
-    rotation = numbers(entry, "start_rotation", 4)
+    rotation, goals = entry.array("start_rotation", (4,)), entry.children("goals")
     if not 0.9 < np.linalg.norm(rotation) < 1.1:
-        fail(".start_rotation", "a unit quaternion [x, y, z, w]", rotation.tolist())
-    start, goal = numbers(entry, "start_position", 3), numbers(goals[0], "position", 3, ".goals[0]")
-    return Episode(scene, _upright(start), _yaw(rotation / np.linalg.norm(rotation)), _upright(goal))
-
-
-def _is_number(value) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e6
+        entry.fail("start_rotation", "a unit quaternion [x, y, z, w]", rotation.tolist())
+    if not goals:
+        entry.fail("goals", "a list of at least one goal", [])
+    start, goal = entry.array("start_position", (3,)), goals[0].array("position", (3,))
+    yaw = _yaw(rotation / np.linalg.norm(rotation))
+    return Episode(entry.text("scene_id"), _upright(start), yaw, _upright(goal))
 
 
 def _upright(point) -> np.ndarray:
