@@ -1,160 +1,154 @@
-"""Checks of notebook 08: where to face, what was seen, what a detour cost, a paired comparison, a policy."""
+"""Exercises of notebook 08: where to face, what was seen, what a detour cost, a paired comparison, a policy."""
 
+import functools
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 
-from mannbv import geometry, grid, metrics, network, team, world
+from mannbv import geometry, grid, metrics, network, objective, team, world
 from mannbv.camera import Camera
 from mannbv.config import Config
-from mannbv.course.check.verdict import Fault, ask, compare, say
+from mannbv.course.check.verdict import AGREES, ask, exercise, judged, plain
 from mannbv.lab import study
 
-
-def facing(mine: Callable) -> bool:
-    """Your yaw [rad] from a position (2,) to a target (2,), against the library's way to turn."""
-    rng = np.random.default_rng(3)
-    cases = [(rng.uniform(-5, 5, 2), rng.uniform(-5, 5, 2)) for _ in range(12)]
-
-    def truth(a, b):
-        return math.atan2(b[1] - a[1], b[0] - a[0])
-
-    mistakes = [
-        (lambda a, b: math.atan2(b[0] - a[0], b[1] - a[1]), "x and y: a yaw of 0 looks along x"),
-        (lambda a, b: truth(b, a), "the sign: this turns its back on the target"),
-        (lambda a, b: math.degrees(truth(a, b)), "the unit: this is in degrees"),
-        (lambda a, b: truth(a, b) % (2 * math.pi), "the right direction, but yaws here run from −π to π"),
-        (lambda a, b: math.atan((b[1] - a[1]) / (b[0] - a[0])), "a slope does not tell ahead from behind"),
-        (lambda a, b: math.atan2(b[1], b[0]), "seen from the origin: and where is the robot?"),
-    ]
-    return compare(mine, truth, cases, mistakes)
+_rng = np.random.default_rng(3)
 
 
-def coverage(mine: Callable) -> bool:
-    """Your share seen, a function of state (nx, ny) and reachable (nx, ny) bool, against `metrics.coverage`."""
-    rng = np.random.default_rng(4)
-    cases = []
-    for shape in ((9, 7), (14, 20)):
-        state = rng.choice([grid.UNKNOWN, grid.FREE, grid.OCCUPIED], size=shape, p=[0.4, 0.45, 0.15])
-        cases.append((state, rng.random(shape) < 0.6))
-
-    def truth(state, reachable):
-        lattice = grid.Lattice((0.0, 0.0), 0.05, state.shape)
-        evidence = np.select([state == grid.FREE, state == grid.OCCUPIED], [-1.0, 1.0], 0.0)
-        return metrics.coverage(grid.Occupancy(lattice, evidence.astype(np.float32)), reachable, lattice)
-
-    seen = lambda state: state != grid.UNKNOWN  # noqa: E731
-    mistakes = [
-        (lambda s, r: seen(s).mean(), "of all cells: but what lies behind the walls nobody can ever see"),
-        (lambda s, r: (~seen(s))[r].mean(), "this is the share that is still unknown"),
-        (lambda s, r: r[seen(s)].mean(), "divided by what was seen: of which cells do we want the share?"),
-        (lambda s, r: (s == grid.FREE)[r].mean(), "a cell that was taken for occupied has been seen, too"),
-        (lambda s, r: (seen(s) & r).sum(), "this is a number of cells, not a share"),
-        (lambda s, r: (seen(s) & r).mean(), "of all cells: but what lies behind the walls nobody can ever see"),
-    ]
-    return compare(mine, truth, cases, mistakes)
+def _yaw(a, b):
+    return math.atan2(b[1] - a[1], b[0] - a[0])
 
 
-def overhead(mine: Callable) -> bool:
-    """Your path overhead, a function of trail (k, 2), goal (2,) and shortest (j, 2), against `metrics`."""
-    rng = np.random.default_rng(5)
-    cases, flat = [], world.load("flat")
-    for _ in range(3):
-        trail = 1 + np.cumsum(rng.uniform(0.0, 0.3, (20, 2)), axis=0)
-        goal = trail[-1] + [0.1, 0.15]
-        cases.append((trail, goal, np.stack([trail[0], goal])))
-
-    def truth(trail, goal, shortest):
-        return metrics.travel_scores(flat, trail, goal, shortest, True, 0)["path_overhead"]
-
-    def length(path):
-        return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-
-    def rest(trail, goal):
-        return float(np.linalg.norm(trail[-1] - goal))
-
-    mistakes = [
-        (lambda t, g, s: length(t) / length(s) - 1, "the robot stops a little before its goal: count the rest"),
-        (lambda t, g, s: (length(t) + rest(t, g)) / length(s), "no detour at all should give 0"),
-        (lambda t, g, s: length(t) / length(s), "no detour at all should give 0"),
-        (lambda t, g, s: length(t) + rest(t, g) - length(s), "these are metres: it should be a share of the shortest"),
-        (lambda t, g, s: 1 - length(s) / (length(t) + rest(t, g)), "a share of what? of the shortest way"),
-        (lambda t, g, s: length(s) / (length(t) + rest(t, g)) - 1, "upside down: a longer trail should give more"),
-        (lambda t, g, s: 100 * truth(t, g, s), "the unit: a share, not per cent"),
-    ]
-    return compare(mine, truth, cases, mistakes)
+@exercise(cases=[(_rng.uniform(-5, 5, 2), _rng.uniform(-5, 5, 2)) for _ in range(12)])
+def facing(a, b):
+    """my_facing(position (2,), target (2,)) → the yaw [rad] from one to the other."""
+    return {
+        AGREES: _yaw(a, b),
+        "x and y: a yaw of 0 looks along x": math.atan2(b[0] - a[0], b[1] - a[1]),
+        "the sign: this turns its back on the target": _yaw(b, a),
+        "the unit: this is in degrees": math.degrees(_yaw(a, b)),
+        "the right direction, but yaws here run from −π to π": _yaw(a, b) % (2 * math.pi),
+        "a slope does not tell ahead from behind": math.atan((b[1] - a[1]) / (b[0] - a[0])),
+        "seen from the origin: and where is the robot?": math.atan2(b[1], b[0]),
+    }
 
 
-def paired(mine: Callable) -> bool:
-    """Your (mean, half width of the 95 % interval) of the differences a − b (n,), against `study.interval`."""
-    rng = np.random.default_rng(6)
-    cases = []
-    for n in (5, 12):
-        common = rng.normal(10, 3, n)
-        cases.append((common + rng.normal(0.5, 0.4, n), common + rng.normal(0.0, 0.4, n)))
-
-    def truth(a, b):
-        mean, (low, high) = study.interval(a - b)
-        return mean, (high - low) / 2
-
-    def factor(a, b):
-        return truth(a, b)[1] / ((a - b).std(ddof=1) / math.sqrt(len(a)))
-
-    def error(a, b, ddof=1):
-        return (a - b).std(ddof=ddof) / math.sqrt(len(a))
-
-    def apart(a, b):
-        return math.sqrt((a.var(ddof=1) + b.var(ddof=1)) / len(a))
-
-    def middle(a, b):
-        return (a - b).mean()
-
-    mistakes = [
-        (lambda a, b: (-middle(a, b), truth(a, b)[1]), "the sign: a minus b"),
-        (lambda a, b: (middle(a, b), 1.96 * error(a, b)), "so few runs: Student's t is wider than the normal's 1.96"),
-        (lambda a, b: (middle(a, b), 2 * error(a, b)), "so few runs: Student's t is wider than 2"),
-        (lambda a, b: (middle(a, b), error(a, b)), "that is the standard error: an interval is a few of them wide"),
-        (lambda a, b: (middle(a, b), (a - b).std(ddof=1)), "that is how much one run varies, not the mean of n"),
-        (lambda a, b: (middle(a, b), factor(a, b) * (a - b).std(ddof=1)), "one run's spread: means vary less, by √n"),
-        (lambda a, b: (middle(a, b), factor(a, b) * apart(a, b)), "paired: what both runs share must cancel first"),
-        (lambda a, b: (middle(a, b), factor(a, b) * error(a, b, 0)), "the spread of a sample: divide by n − 1"),
-        (lambda a, b: (middle(a, b), 2 * truth(a, b)[1]), "the half width is wanted"),
-    ]
-    return compare(mine, truth, cases, mistakes)
+def _state(shape: tuple[int, int]) -> tuple:
+    kinds = [grid.UNKNOWN, grid.FREE, grid.OCCUPIED]
+    return _rng.choice(kinds, size=shape, p=[0.4, 0.45, 0.15]), _rng.random(shape) < 0.6
 
 
-def policy(mine: Callable) -> bool:
-    """A policy of your own, robot and mission in, gains (1, n_yaws) out: one small episode in `flat` with it."""
+def _coverage(state, reachable):
+    lattice = grid.Lattice((0.0, 0.0), 0.05, state.shape)
+    evidence = np.select([state == grid.FREE, state == grid.OCCUPIED], [-1.0, 1.0], 0.0)
+    return metrics.coverage(grid.Occupancy(lattice, evidence.astype(np.float32)), reachable, lattice)
+
+
+@exercise(cases=[_state((9, 7)), _state((14, 20))])
+def coverage(state, reachable):
+    """my_coverage(state (nx, ny), reachable (nx, ny) bool) → the share seen, as `metrics.coverage` counts it."""
+    seen = state != grid.UNKNOWN
+    return {
+        AGREES: _coverage(state, reachable),
+        "of all cells: but what lies behind the walls nobody can ever see": [seen.mean(), (seen & reachable).mean()],
+        "this is the share that is still unknown": 1 - seen[reachable].mean(),
+        "divided by what was seen: of which cells do we want the share?": reachable[seen].mean(),
+        "a cell that was taken for occupied has been seen, too": (state == grid.FREE)[reachable].mean(),
+        "this is a number of cells, not a share": (seen & reachable).sum(),
+    }
+
+
+@functools.cache
+def _flat() -> world.World:
+    return world.load("flat")
+
+
+def _trail() -> tuple:
+    trail = 1 + np.cumsum(_rng.uniform(0.0, 0.3, (20, 2)), axis=0)
+    goal = trail[-1] + [0.1, 0.15]
+    return trail, goal, np.stack([trail[0], goal])
+
+
+@exercise(cases=[_trail() for _ in range(3)])
+def overhead(trail, goal, shortest):
+    """my_overhead(trail (k, 2), goal (2,), shortest (j, 2)) → the path overhead, as `metrics` counts it."""
+    gone, least = (float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) for path in (trail, shortest))
+    way = gone + float(np.linalg.norm(trail[-1] - goal))
+    return {
+        AGREES: metrics.travel_scores(_flat(), trail, goal, shortest, True, 0)["path_overhead"],
+        "the robot stops a little before its goal: count the rest": gone / least - 1,
+        "no detour at all should give 0": [way / least, gone / least],
+        "these are metres: it should be a share of the shortest": way - least,
+        "a share of what? of the shortest way": 1 - least / way,
+        "upside down: a longer trail should give more": least / way - 1,
+        "the unit: a share, not per cent": 100 * (way / least - 1),
+    }
+
+
+def _runs(n: int) -> tuple:
+    common = _rng.normal(10, 3, n)
+    return common + _rng.normal(0.5, 0.4, n), common + _rng.normal(0.0, 0.4, n)
+
+
+@exercise(cases=[_runs(5), _runs(12)])
+def paired(a, b):
+    """my_paired(a (n,), b (n,)) → (mean, half width of the 95 % interval) of the differences a − b."""
+    mean, (low, high) = study.interval(a - b)
+    n, half, root, std = len(a), (high - low) / 2, math.sqrt(len(a)), np.std(a - b, ddof=1)
+    return {
+        AGREES: (mean, half),
+        "the sign: a minus b": (-mean, half),
+        "so few runs: Student's t is wider than the normal's 1.96": (mean, 1.96 * std / root),
+        "so few runs: Student's t is wider than 2": (mean, 2 * std / root),
+        "that is the standard error: an interval is a few of them wide": (mean, std / root),
+        "that is how much one run varies, not the mean of n": (mean, std),
+        "one run's spread: means vary less, by √n": (mean, half * root),
+        "paired: what both runs share must cancel first":
+            (mean, half / std * math.hypot(np.std(a, ddof=1), np.std(b, ddof=1))),
+        "the spread of a sample: divide by n − 1": (mean, half * math.sqrt((n - 1) / n)),
+        "the half width is wanted": (mean, 2 * half),
+    }  # fmt: skip
+
+
+def _own_view(robot, mission):
+    plan = robot.plans[0]
+    return objective.local(robot.belief(), mission.camera, [plan.position], [plan.path], mission.config)
+
+
+@judged(
+    truth=_own_view,
+    mistakes=[
+        (lambda robot, mission: robot.yaw,
+         "shape {shape} where {wanted} is wanted: a row for one robot, a value for each yaw",
+         lambda seen: seen.shape != seen.wanted),
+        (lambda robot, mission: np.full((1, mission.config.n_yaws), np.nan), "a gain must be finite",
+         lambda seen: not np.isfinite(seen.gains).all()),
+        (lambda robot, mission: np.zeros((1, mission.config.n_yaws)),
+         "all yaws are worth the same to it, so it looks wherever the first yaw points",
+         lambda seen: np.ptp(seen.gains) == 0),
+    ],
+    praise="a policy: {end}, {share:.0%} of the floor seen",
+)  # fmt: skip
+def policy(mine: Callable) -> SimpleNamespace:
+    """my_policy(robot, mission) → gains (1, n_yaws): a policy of your own, for a small episode in `flat`."""
     config = Config(image_width=32, fit_steps=6, stride=1.6, max_cycles=20)
-    flat = world.load("flat")
+    flat = _flat()
     camera = Camera.of_dim(2, config.image_width, config.image_height, config.fov)
     mission = team.Mission(flat, camera, config, network.build("complete", 1), "single", seed=0)
     robot = team.start(0, flat.starts[0, :2], float(flat.starts[0, 2]), flat.goals[0], mission)
+    seen = SimpleNamespace(wanted=(1, config.n_yaws))
     for number in range(config.max_cycles):
         robot = team.plan(team.observe(robot, mission, number), mission, number)
-        try:
-            gains = _judged(ask(mine, robot, mission), config)
-        except Fault as fault:
-            return say(str(fault))
-        yaw = geometry.wrap(-math.pi + 2 * math.pi * int(np.argmax(gains)) / config.n_yaws)
+        seen.gains = plain(ask(mine, robot, mission))
+        seen.shape = seen.gains.shape
+        if seen.shape != seen.wanted or not np.isfinite(seen.gains).all() or np.ptp(seen.gains) == 0:
+            return seen  # nothing to choose by
+        yaw = geometry.wrap(-math.pi + 2 * math.pi * int(np.argmax(seen.gains)) / config.n_yaws)
         robot = team.move(robot, yaw, mission, number)
         if robot.status == "reached":
             break
     reachable = flat.ground.reachable_free(config.cell, config.robot_radius, flat.starts[0])
-    seen = metrics.coverage(robot.ground, reachable, flat.ground.lattice(config.cell))
-    end = f"at its goal after {number + 1} cycles" if robot.status == "reached" else "not at its goal"
-    return say(f"a policy: {end}, {seen:.0%} of the floor seen", True)
-
-
-def _judged(gains, config: Config) -> np.ndarray:
-    """The gains of a policy, (1, n_yaws). Raises Fault where they are none."""
-    gains = np.asarray(gains, float)
-    if gains.shape != (1, config.n_yaws):
-        wanted = (1, config.n_yaws)
-        raise Fault(f"shape {gains.shape} where {wanted} is wanted: a row for one robot, a value for each yaw")
-    if not np.isfinite(gains).all():
-        raise Fault("a gain must be finite")
-    if np.ptp(gains) == 0:
-        raise Fault("all yaws are worth the same to it, so it looks wherever the first yaw points")
-    return gains
+    seen.share = metrics.coverage(robot.ground, reachable, flat.ground.lattice(config.cell))
+    seen.end = f"at its goal after {number + 1} cycles" if robot.status == "reached" else "not at its goal"
+    return seen

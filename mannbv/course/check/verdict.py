@@ -1,63 +1,146 @@
-"""How a checker looks at an answer and what it says."""
+"""What an exercise is, how an answer to it is judged, and what is said."""
 
 import contextlib
 import copy
 import inspect
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 TO_DO = "to do"
+AGREES = "agrees with the library"
 
 
 class Fault(Exception):
     """What is wrong with an answer, in the words that its author reads."""
 
 
-def compare(
-    mine: Callable,
-    truth: Callable,
-    cases: Sequence[tuple],
-    mistakes: Sequence[tuple[Callable, str]] = (),
-    rtol: float = 1e-6,
-    atol: float = 1e-9,
-    gap: Callable | None = None,
-) -> bool:
-    """Print how an answer stands against the library, and return whether it agrees.
+class _Printed:
+    """A record that a reader calls with an answer: it prints what is said of it, and returns whether it is done."""
 
-    mine, truth: functions of a case's arguments, numbers, arrays or tensors out. mistakes: (a plausible wrong
-    function, the hint it deserves); the first that gives what `mine` gives everywhere is spoken. The right values are
-    never printed. gap: for what fits no mistake, a function of (case, answer, wanted), two float arrays of one shape,
-    that says how they differ; default: "too large" or "too small". An answer that returns None or ... is "to do".
-    """
-    places = [_place(mine, case, f"in case {number} of {len(cases)}") for number, case in enumerate(cases, 1)]
-    answers = []
-    for case, place in zip(cases, places, strict=True):
+    def __call__(self, *mine: Callable) -> bool:
         try:
-            answers.append(_plain(ask(mine, *map(_own, case), place=place)))
+            said, done = self.said(*mine)
         except Fault as fault:
-            return say(f"it returns nothing {place}" if answers and str(fault).startswith(TO_DO) else str(fault))
-    wanted = [_plain(truth(*case)) for case in cases]
-    if _same(answers, wanted, rtol, atol):
-        return say("agrees with the library", True)
-    for wrong, hint in mistakes:
-        if _same(answers, [_plain(wrong(*case)) for case in cases], rtol, atol):
-            return say(hint)
-    for case, place, answer, value in zip(cases, places, answers, wanted, strict=True):
-        if answer.shape != value.shape:
-            return say(f"shape {answer.shape} where {value.shape or 'one number'} is wanted")
-        if np.isnan(answer).any() or (gap is None and (np.isinf(answer) & np.isfinite(value)).any()):
-            return say(f"not finite {place}")
-        if not np.allclose(answer, value, rtol, atol):
-            return say(f"{gap(case, answer, value) if gap else _gap(answer, value)} {place}")
-    return False
+            said, done = str(fault), False
+        print(said)
+        return done
 
 
-def _own(value):
-    """A copy of what an answer could write into: the truth is asked about the same case afterwards."""
-    mutable = isinstance(value, list | dict | np.ndarray) or hasattr(value, "detach")
-    return copy.deepcopy(value) if mutable else value
+@dataclass(frozen=True, repr=False, eq=False)
+class Exercise(_Printed):
+    """An exercise with one right answer.
+
+    table: a function of a case that gives what is said of which value: under AGREES, first, the right one, which is
+    never printed; under each hint a plausible wrong one, or a list of some. cases: arguments to try, or a function that
+    draws them. read: makes of an answer what is compared, numbers or an array. gap: for what is not in the table, a
+    function of (case, answer, wanted), the last two float arrays of one shape, that says how they differ; default: "too
+    large" or "too small". screen: looks at the answer itself first, and may raise Fault.
+    """
+
+    table: Callable[..., dict[str, Any]]
+    cases: Sequence[tuple] | Callable[[], Sequence[tuple]]
+    rtol: float = 1e-4
+    read: Callable = lambda answer: answer
+    gap: Callable | None = None
+    screen: Callable | None = None
+
+    def drawn(self) -> Sequence[tuple]:
+        """The cases to try."""
+        return self.cases() if callable(self.cases) else self.cases
+
+    def rows(self, cases: Sequence[tuple]) -> Iterator[tuple[str, list]]:
+        """What is said, and of which value in each case; the right ones first."""
+        tables = [self.table(*case) for case in cases]
+        for words in tables[0]:
+            several = [table[words] if isinstance(table[words], list) else [table[words]] for table in tables]
+            yield from ((words, list(values)) for values in zip(*several, strict=True))
+
+    def said(self, mine: Callable) -> tuple[str, bool]:
+        """What an answer hears, and whether it is right. Raises Fault where it fits nothing in the table."""
+        if self.screen:
+            self.screen(mine)
+        cases = self.drawn()
+        given = copy.deepcopy(cases)  # an answer may write into them; the truth is asked about what was asked
+        places = [_place(mine, case, f"in case {number} of {len(cases)}") for number, case in enumerate(cases, 1)]
+        answers = []
+        for case, place in zip(given, places, strict=True):
+            try:
+                answers.append(self._read(ask(mine, *case, place=place)))
+            except Fault as fault:
+                late = answers and str(fault).startswith(TO_DO)
+                raise Fault(f"it returns nothing {place}") if late else fault from None
+        rows = [(words, [self._read(value) for value in values]) for words, values in self.rows(cases)]
+        for words, values in rows:
+            if all(map(self._same, answers, values)):
+                return words, words == AGREES
+        asked = zip(given, places, answers, rows[0][1], strict=True)
+        case, place, answer, wanted = next(row for row in asked if not self._same(*row[2:]))
+        if answer.shape != wanted.shape:
+            raise Fault(f"shape {answer.shape} where {wanted.shape or 'one number'} is wanted")
+        if np.isnan(answer).any() or (self.gap is None and (np.isinf(answer) & np.isfinite(wanted)).any()):
+            raise Fault(f"not finite {place}")
+        raise Fault(f"{(self.gap or _gap)(case, answer, wanted)} {place}")
+
+    def _read(self, answer: Any) -> np.ndarray:
+        try:
+            return plain(self.read(answer))
+        except (TypeError, ValueError, RuntimeError):
+            raise Fault(f"a number or an array is wanted, got {type(answer).__name__}") from None
+
+    def _same(self, answer: np.ndarray, value: np.ndarray) -> bool:
+        return answer.shape == value.shape and np.allclose(answer, value, self.rtol, 1e-6)
+
+
+class Mistake(NamedTuple):
+    """A plausible wrong answer to an exercise that is judged, and the hint that it deserves.
+
+    seen: tells it by what the judge saw, {fields} of which the hint may name. None: the judge itself says the hint.
+    """
+
+    answer: Callable | tuple[Callable, ...]
+    hint: str
+    seen: Callable[[Any], bool] | None = None
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Judged(_Printed):
+    """An exercise with many right answers, one of which is `truth`; an answer may be two functions.
+
+    judge: a function of the answer that returns what it saw, and raises Fault where there is nothing to see. mistakes:
+    the first that is seen is spoken. praise: what is said where none is, with {fields} of what the judge saw.
+    """
+
+    judge: Callable
+    truth: Callable | tuple[Callable, ...]
+    mistakes: Sequence[Mistake]
+    praise: str = AGREES
+
+    def said(self, *mine: Callable) -> tuple[str, bool]:
+        """What an answer hears, and whether it is a good one. Raises Fault where there is nothing to judge."""
+        seen = self.judge(*mine)
+        fields = vars(seen) if isinstance(seen, SimpleNamespace) else {}
+        hint = next((m.hint for m in self.mistakes if m.seen and m.seen(seen)), "")
+        return (hint or self.praise).format(**fields), not hint
+
+
+def exercise(cases: Sequence[tuple] | Callable, **more: Any) -> Callable[[Callable], Exercise]:
+    """Make an `Exercise` of its table, a function of a case whose first line says what is asked."""
+    return lambda table: _documented(Exercise(table, cases, **more), table)
+
+
+def judged(truth: Any, mistakes: Sequence[tuple], praise: str = AGREES) -> Callable[[Callable], Judged]:
+    """Make a `Judged` of its judge, a function of an answer whose first line says what is asked; mistakes: rows."""
+    return lambda judge: _documented(Judged(judge, truth, [Mistake(*row) for row in mistakes], praise), judge)
+
+
+def _documented(record: Any, function: Callable) -> Any:
+    object.__setattr__(record, "__doc__", function.__doc__)  # for `check.radius?`
+    return record
 
 
 def ask(mine: Callable, *case, place: str = ""):
@@ -82,10 +165,20 @@ def ask(mine: Callable, *case, place: str = ""):
     return answer
 
 
-def say(text: str, done: bool = False) -> bool:
-    """Print a verdict, and return whether the exercise is done."""
-    print(text)
-    return done
+def plain(answer) -> np.ndarray:
+    """Numbers as a float array. Raises Fault for anything else."""
+    try:
+        return np.asarray(answer.detach().numpy() if hasattr(answer, "detach") else answer, float)
+    except (TypeError, ValueError, RuntimeError):
+        raise Fault(f"a number or an array is wanted, got {type(answer).__name__}") from None
+
+
+def number(answer, what: str = "") -> float:
+    """One number. Raises Fault, with `what` it should be, for anything else."""
+    try:
+        return float(answer)
+    except (TypeError, ValueError, RuntimeError):
+        raise Fault(f"one number is wanted{what and ': '}{what}") from None
 
 
 def side(answer: float, value: float) -> str:
@@ -93,7 +186,7 @@ def side(answer: float, value: float) -> str:
     return "too large" if answer > value else "too small"
 
 
-def _gap(answer: np.ndarray, value: np.ndarray) -> str:
+def _gap(case: tuple, answer: np.ndarray, value: np.ndarray) -> str:
     """On which side an answer lies, by the entry that is farthest off."""
     with np.errstate(invalid="ignore"):  # inf − inf
         away = np.nan_to_num(np.abs(answer - value))
@@ -118,18 +211,7 @@ def _short(value) -> str:
     """A number, or a list of some, in at most six digits. Raises ValueError for anything else."""
     if not isinstance(value, int | float | list | np.number | np.ndarray) and not hasattr(value, "detach"):
         raise ValueError
-    array = _plain(value)
+    array = plain(value)
     if array.ndim > 1:
         raise ValueError
     return f"[{', '.join(f'{entry:.6g}' for entry in array)}]" if array.ndim else f"{array:.6g}"
-
-
-def _plain(value) -> np.ndarray:
-    try:
-        return np.asarray(value.detach().numpy() if hasattr(value, "detach") else value, float)
-    except (TypeError, ValueError, RuntimeError):
-        raise Fault(f"a number or an array is wanted, got {type(value).__name__}") from None
-
-
-def _same(answers, wanted, rtol: float, atol: float) -> bool:
-    return all(a.shape == w.shape and np.allclose(a, w, rtol, atol) for a, w in zip(answers, wanted, strict=True))
