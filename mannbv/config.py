@@ -6,11 +6,12 @@
 import dataclasses
 import difflib
 import functools
-import json
 import math
 import numbers
 from dataclasses import dataclass, field, fields
 from typing import TypeVar
+
+from mannbv import archive
 
 T = TypeVar("T")
 
@@ -160,13 +161,13 @@ class Config:
         return dataclasses.replace(self, **changes)
 
     def to_json(self) -> str:
-        return json.dumps(dataclasses.asdict(self))
+        return archive.to_json(dataclasses.asdict(self))
 
     @staticmethod
     def from_json(text: str) -> "Config":
         """The inverse of `to_json`; constants that are not named keep their defaults. Raises ValueError."""
         try:
-            values = json.loads(text)
+            values = archive.from_json(text)
         except ValueError as error:
             raise ValueError(f"config: not valid JSON ({error}); was it written by to_json?") from None
         if not isinstance(values, dict):

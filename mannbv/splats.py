@@ -3,8 +3,6 @@
 import dataclasses
 import math
 import warnings
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mannbv import geometry
+from mannbv import archive, geometry
 
 _SH_C0 = 0.28209479177387814  # the constant spherical harmonic: color = 0.5 + _SH_C0 · f_dc in the 3DGS layout
 _MAX_SPLATS = 50_000_000
@@ -128,11 +126,10 @@ def lifted(flat: SplatMap, heights, std: float) -> SplatMap:
 def save(splat_map: SplatMap, path) -> None:
     """Write a map to `.npz` (both dimensions) or `.ply` (3-D, the standard 3DGS layout)."""
     path = Path(path)
-    fields = {f.name: getattr(splat_map, f.name).detach().cpu().numpy() for f in dataclasses.fields(splat_map)}
     if path.suffix == ".npz":
-        np.savez(path, **fields)
+        archive.write(path, archive.pack(splat_map))
     elif path.suffix == ".ply":
-        _save_ply(fields, path)
+        _save_ply(archive.pack(splat_map), path)
     else:
         raise FormatError(f"{path}: unknown ending '{path.suffix}'; use .npz or .ply")
 
@@ -163,35 +160,15 @@ def load(path) -> SplatMap:
 
 
 def _load_npz(path: Path) -> dict[str, np.ndarray]:
-    names = [f.name for f in dataclasses.fields(SplatMap)]
     try:
-        with zipfile.ZipFile(path) as archive:
-            missing = [name for name in names if f"{name}.npy" not in archive.namelist()]
-            if missing:
-                raise FormatError(f"{path}: holds no {', '.join(missing)}; was it written by splats.save?")
-            return {name: _read_npy(archive, name) for name in names}
-    except FormatError:
-        raise
-    except ValueError as error:
-        raise FormatError(f"{path}: {error}; save the map again") from None
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError) as error:
-        raise FormatError(f"{path}: not a whole .npz archive ({error}); copy or save it again") from None
-
-
-def _read_npy(archive: zipfile.ZipFile, name: str) -> np.ndarray:
-    """One array of plain floats. Unlike `np.load`, believes no header before the bytes for it are there."""
-    size = archive.getinfo(f"{name}.npy").file_size
-    with archive.open(f"{name}.npy") as file:
-        version = np.lib.format.read_magic(file)
-        header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, fortran, dtype = header(file)
-        if dtype.kind != "f":
-            raise ValueError(f"{name} must hold floating-point numbers, got {dtype}")
-        count, room = math.prod(shape), (size - file.tell()) // dtype.itemsize
-        if count != room or len(shape) not in (1, 2) or count > 4 * _MAX_SPLATS:
-            raise ValueError(f"{name} promises {shape} numbers, the file has room for {room}")
-        values = np.frombuffer(file.read(), dtype).reshape(shape, order="F" if fortran else "C")
-    return values.astype(np.float64 if dtype.itemsize == 8 else np.float32, order="C")
+        arrays = archive.read(path)
+        fields = {f.name: arrays[f.name] for f in dataclasses.fields(SplatMap)}
+    except archive.ArchiveError as error:
+        raise FormatError(f"{path}: {error}; copy it again, or save the map with splats.save") from None
+    for name, values in fields.items():
+        if values.dtype.kind != "f":
+            raise FormatError(f"{path}: {name} must hold floating-point numbers, got {values.dtype}; save it again")
+    return {k: v.astype(np.float64 if v.dtype.itemsize == 8 else np.float32, order="C") for k, v in fields.items()}
 
 
 _PLY_NAMES = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", *(f"scale_{k}" for k in range(3))]
@@ -219,7 +196,8 @@ def _save_ply(fields: dict[str, np.ndarray], path: Path) -> None:
     ).astype("<f4")
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {n}"]
     header += [f"property float {name}" for name in names] + ["end_header"]
-    path.write_bytes(("\n".join(header) + "\n").encode() + table.tobytes())
+    with archive.whole(path) as file:
+        file.write(("\n".join(header) + "\n").encode() + table.tobytes())
 
 
 def _ply_header(path: Path, lines: list[bytes]) -> tuple[int, np.dtype]:

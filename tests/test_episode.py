@@ -9,7 +9,6 @@ import torch
 
 from mannbv import episode, metrics, risk, world
 from mannbv.config import PRESETS, Config
-from mannbv.episode.record import _pack
 from mannbv.grid import FREE, OCCUPIED
 
 SMALL = Config(image_width=32, fit_steps=4, max_cycles=3, n_yaws=72, rounds=6, n_subgoals=2)
@@ -26,7 +25,7 @@ def without_times(record: episode.Record) -> str:
 
 
 def same_robots(a: episode.Record, b: episode.Record) -> bool:
-    packed = [[_pack(robot) for robot in record.robots] for record in (a, b)]
+    packed = [[episode.to_arrays(robot) for robot in record.robots] for record in (a, b)]
     return all(
         p.keys() == q.keys() and all(np.array_equal(p[k], q[k]) for k in p) for p, q in zip(*packed, strict=True)
     )
@@ -148,6 +147,7 @@ def test_a_save_that_dies_half_way_leaves_the_old_record_whole(tmp_path, monkeyp
     with pytest.raises(KeyboardInterrupt):
         record.save(path)
     assert without_times(episode.load(path)) == without_times(record)
+    assert [file.name for file in tmp_path.iterdir()] == ["run.npz"]
 
 
 def test_an_unreachable_goal_is_refused_before_anything_runs(place_with_island):

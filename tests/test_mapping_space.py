@@ -224,10 +224,10 @@ def test_what_is_no_local_map_is_refused(tmp_path):
     whole = io.BytesIO()
     np.savez(whole, **arrays)
     broken = {
-        "cut short": whole.getvalue()[:-400],
+        "not a zip file": whole.getvalue()[:-400],
         "prior": {name: part for name, part in arrays.items() if name != "prior"},
         "rows beside": arrays | {"ids": arrays["ids"][1:]},
-        "allow_pickle=False": arrays | {"ids": np.array([{}], object)},
+        "ids.npy holds object": arrays | {"ids": np.array([{}], object)},
     }
     for message, content in broken.items():
         if isinstance(content, bytes):

@@ -8,7 +8,6 @@ A notebook is written only when every cell ran, and whole or not at all; one tha
 
 import argparse
 import json
-import os
 import re
 import sys
 from pathlib import Path
@@ -16,6 +15,8 @@ from pathlib import Path
 import nbformat
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
+
+from mannbv import archive
 
 ROOT = Path(__file__).resolve().parent.parent
 MAX_BYTES = 500_000
@@ -110,9 +111,8 @@ def sanitise(text: str) -> str:
 
 def write(path: Path, stored: bytes) -> None:
     """Replace the file whole, so that a kill leaves the old one."""
-    part = path.with_suffix(".part")
-    part.write_bytes(stored)
-    os.replace(part, path)
+    with archive.whole(path) as file:
+        file.write(stored)
 
 
 def check(path: Path) -> None:

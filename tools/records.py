@@ -16,7 +16,6 @@ distributed run of each building compare with flatland's. An hour or two of `com
 import argparse
 import dataclasses
 import itertools
-import json
 import math
 import sys
 from collections.abc import Iterable
@@ -25,7 +24,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from mannbv import episode, metrics, risk, splats, team, world
+from mannbv import archive, episode, metrics, risk, splats, team, world
 from mannbv.camera import Camera
 from mannbv.config import PRESETS
 from mannbv.course.widgets.recording import Recording, without_maps
@@ -58,9 +57,9 @@ def evaluation(folders: list[Path], out: Path) -> None:
     parts = [_building(number, scene, runs[scene]) for number, scene in enumerate(buildings)]
     names = dict.fromkeys(name for part in parts for name in part)
     columns = {name: np.concatenate([part[name] for part in parts if name in part], -1) for name in names}
-    text = json.dumps([_short(results) for results in several], separators=(",", ":"))
-    path = out / "15_evaluation.npz"
-    np.savez_compressed(path, results=np.frombuffer(text.encode(), np.uint8), buildings=buildings, **columns)
+    text = archive.to_json([_short(results) for results in several], separators=(",", ":"))
+    columns |= {"results": np.frombuffer(text.encode(), np.uint8), "buildings": np.array(buildings)}
+    archive.write(out / "15_evaluation.npz", columns, compressed=True)
 
 
 def _building(number: int, scene: str, runs: list[Path]) -> dict[str, np.ndarray]:

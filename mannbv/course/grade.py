@@ -36,6 +36,8 @@ from nbclient import NotebookClient
 from nbclient.exceptions import CellTimeoutError, DeadKernelError
 from tqdm import tqdm
 
+from mannbv import archive
+
 COURSE = Path(__file__).resolve().parents[2] / "notebooks"
 COLUMNS = ("file", "notebook", "exercise", "passed", "says", "seconds", "raised", "sha256")
 FRESH = """\
@@ -337,10 +339,7 @@ def write_table(path: Path, table: dict[str, list[dict]]) -> None:
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
     writer.writerows(row for rows in table.values() for row in rows)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    part.write_text(text.getvalue(), encoding="utf-8", newline="")
-    os.replace(part, path)
+    archive.write_text(path, text.getvalue())
 
 
 def score(rows: list[dict]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mannbv import metrics, network, team, world
+from mannbv import archive, metrics, network, team, world
 from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.episode.record import Record, RecordError, load
@@ -126,7 +126,7 @@ def score(record: Record, mission: Mission) -> list[dict]:
         row["fate"] = "reached" if reached else why_not(robot, config)
         rows.append(row)
     seconds = spent + time.perf_counter() - began
-    return [{k: _plain(v) for k, v in row.items()} | {"seconds": seconds} for row in rows]
+    return [archive.plain(row) | {"seconds": seconds} for row in rows]
 
 
 def why_not(robot: Robot, config: Config) -> str:
@@ -134,8 +134,3 @@ def why_not(robot: Robot, config: Config) -> str:
     if robot.stuck:
         return "no frontier left to go to"
     return f"{config.max_cycles} cycles were not enough, {np.linalg.norm(robot.goal - robot.position):.1f} m to go"
-
-
-def _plain(value):
-    """JSON has no NaN: a number that does not exist is null."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value

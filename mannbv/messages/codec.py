@@ -7,13 +7,13 @@ bits, or {"shape", "base64"} for splats, ids, priors and grids. Sizes are checke
 """
 
 import base64
-import json
 import math
 import struct
 import zlib
 
 import numpy as np
 
+from mannbv import archive
 from mannbv.messages.kinds import KINDS, Grid, Layout, Message, layout, splat_map, splat_rows
 
 CODECS = ("json", "binary")
@@ -42,7 +42,7 @@ def decode(data) -> Message:
         if "splats" in values:
             values["splats"] = splat_map(values["splats"])
         return kind(**values)
-    except (ValueError, TypeError, KeyError, OverflowError, RecursionError, struct.error, zlib.error) as error:
+    except (ValueError, TypeError, KeyError, OverflowError, struct.error, zlib.error) as error:
         why = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"messages: {len(data)} B that are no message ({why})") from None
 
@@ -116,7 +116,7 @@ def _to_json(message: Message, values: dict) -> bytes:
             record[name] = {"shape": value.shape, "base64": base64.b64encode(body).decode()}
         else:
             record[name] = _shortest(value)
-    return json.dumps(record, separators=(",", ":"), allow_nan=False).encode()
+    return archive.to_json(record, separators=(",", ":")).encode()
 
 
 def _shortest(value: np.ndarray):
@@ -124,12 +124,8 @@ def _shortest(value: np.ndarray):
     return value.astype(str).astype(float).tolist() if value.dtype == np.float32 else value.tolist()
 
 
-def _refuse(constant: str):
-    raise ValueError(f"{constant} is no number")
-
-
 def _from_json(data: bytes) -> tuple[type, dict]:
-    record = json.loads(data, parse_constant=_refuse)
+    record = archive.from_json(data)
     kinds = {kind.__name__: kind for kind in KINDS}
     if not isinstance(record, dict) or not isinstance(record.get("kind"), str) or record["kind"] not in kinds:
         raise ValueError(f"expected an object whose kind is one of {', '.join(kinds)}")

@@ -1,11 +1,11 @@
 """Counting bytes: an account of what was really serialised, the mailbox that keeps it, and the paper's formulas."""
 
-import json
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 import networkx as nx
 
+from mannbv import archive
 from mannbv.messages.codec import CODECS, decode, encode
 from mannbv.messages.kinds import Message
 
@@ -96,14 +96,15 @@ class Ledger:
         return sum(max(sizes) if strategy == "centralized" else sum(sizes) for sizes in firsts.values())
 
     def to_json(self) -> str:
-        return json.dumps([[*key, *row] for key, row in sorted(self.rows.items())])
+        return archive.to_json([[*key, *row] for key, row in sorted(self.rows.items())])
 
     @staticmethod
     def from_json(text: str) -> "Ledger":
         """Raises ValueError for anything that `to_json` did not write."""
         try:
             rows = {
-                (int(s), int(r), int(o), str(k), int(c)): [int(m), int(b)] for s, r, o, k, c, m, b in json.loads(text)
+                (int(s), int(r), int(o), str(k), int(c)): [int(m), int(b)]
+                for s, r, o, k, c, m, b in archive.from_json(text)
             }
         except (ValueError, TypeError) as error:
             raise ValueError(f"ledger: not written by Ledger.to_json ({error})") from None

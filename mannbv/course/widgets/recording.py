@@ -3,17 +3,15 @@
 import dataclasses
 import io
 import math
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int8, UInt8
 from PIL import Image
 
-from mannbv import geometry, information, render
+from mannbv import archive, geometry, information, render
 from mannbv.camera import Camera
 from mannbv.episode import Record
 from mannbv.grid import OCCUPIED, UNKNOWN, Occupancy
@@ -69,29 +67,23 @@ class Recording:
         jpeg = io.BytesIO()
         Image.fromarray(sheet).save(jpeg, "JPEG", quality=_QUALITY)
         bits = np.packbits(np.stack([self.state != UNKNOWN, self.state == OCCUPIED]))
-        with Path(path).open("wb") as file:
-            np.savez_compressed(
-                file, shape=[*self.state.shape, h, w], ground=bits, psnr=self.psnr,
-                views=np.frombuffer(jpeg.getvalue(), np.uint8),
-            )  # fmt: skip
+        arrays = {"shape": np.array([*self.state.shape, h, w]), "ground": bits, "psnr": self.psnr}
+        archive.write(path, arrays | {"views": np.frombuffer(jpeg.getvalue(), np.uint8)}, compressed=True)
 
     @staticmethod
     def load(path) -> "Recording":
         """Read a recording. Raises ValueError for anything else."""
         try:
-            if not zipfile.is_zipfile(path):  # numpy would advise to trust it
-                raise zipfile.BadZipFile("no .npz archive, or cut short")
-            with np.load(path, allow_pickle=False) as file:
-                c, n, nx, ny, h, w = file["shape"].tolist()
-                known, solid = np.unpackbits(file["ground"])[: 2 * c * n * nx * ny].reshape(2, c, n, nx, ny)
-                sheet = np.array(Image.open(io.BytesIO(file["views"].tobytes())))
-                psnr = file["psnr"]
+            arrays = archive.read(path)
+            c, n, nx, ny, h, w = arrays["shape"].tolist()
+            known, solid = np.unpackbits(arrays["ground"])[: 2 * c * n * nx * ny].reshape(2, c, n, nx, ny)
+            sheet = np.array(Image.open(io.BytesIO(arrays["views"].tobytes()), formats=["JPEG"]))
             views = sheet.reshape(c, h, n, len(VIEWS), w, 3).transpose(0, 2, 3, 1, 4, 5)
-        except (zipfile.BadZipFile, OSError, KeyError, ValueError, TypeError) as error:
-            raise ValueError(
-                f"{path}: no recording ({str(error).splitlines()[0]}); make it anew with tools/records.py"
-            ) from None
-        return Recording(np.where(known, np.where(solid, OCCUPIED, 0), UNKNOWN).astype(np.int8), views, psnr)
+            state = np.where(known, np.where(solid, OCCUPIED, 0), UNKNOWN).astype(np.int8)
+            return Recording(state, views, arrays["psnr"])
+        except (OSError, ValueError, TypeError, Image.DecompressionBombError) as error:
+            fault = " ".join(str(error).split())
+            raise ValueError(f"{path}: no recording ({fault}); make it anew with tools/records.py") from None
 
 
 def without_maps(record: Record) -> Record:

@@ -8,6 +8,8 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from mannbv import archive
+
 INK, PALE, GROUND, UNKNOWN = "#222222", "#8a8a8a", "#ffffff", "#e4e4e4"
 # Okabe and Ito's colours, told apart by everyone (their yellow darkened for a white ground), then wine and brown
 COLORS = (
@@ -64,8 +66,9 @@ def save(canvas: Figure, path, dpi=120) -> Path:
     path = Path(path)
     if path.suffix not in (".png", ".svg"):
         raise ValueError(f"{path}: a figure is written as .png or .svg")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(_bytes(canvas, path.suffix[1:], dpi))
+    picture = _bytes(canvas, path.suffix[1:], dpi)
+    with archive.whole(path) as file:
+        file.write(picture)
     return path
 
 

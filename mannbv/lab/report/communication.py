@@ -1,9 +1,8 @@
 """Tables II, III, V and VI: what is sent, beside what the paper prints; and the seconds of a cycle."""
 
 import dataclasses
-import json
 
-from mannbv import messages
+from mannbv import archive, messages
 from mannbv.lab.report import paper
 from mannbv.lab.report.tabular import NONE, Column, Table, about, digits, setting, slug, summary_table
 from mannbv.lab.study.cycles import picked
@@ -117,7 +116,7 @@ def team_tables(several: list[dict]) -> list[Table]:
     """Table VI, one a scene: shared data against the size of the team, half way through the shortest episode."""
     groups = {}
     for results in several:
-        key = json.dumps([results[k] for k in ("scene", "dim", "config")], sort_keys=True)
+        key = archive.to_json([results[k] for k in ("scene", "dim", "config")], sort_keys=True)
         groups.setdefault(key, []).append(results)
     return [_team_table(sorted(group, key=lambda results: results["robots"])) for group in groups.values()]
 

@@ -3,10 +3,11 @@
 import csv
 import io
 import math
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+
+from mannbv import archive
 
 NONE = "–"
 
@@ -165,14 +166,11 @@ _WRITERS[".csv"] = table_csv
 def write(tables: Iterable[Table], folder) -> list[Path]:
     """Each table as .txt, .tex and .csv in a folder; returns the files. Tables of one name are numbered."""
     folder, names, files = Path(folder), {}, []
-    folder.mkdir(parents=True, exist_ok=True)
     for table in tables:
         names[table.name] = names.get(table.name, 0) + 1
         name = table.name if names[table.name] == 1 else f"{table.name}-{names[table.name]}"
         for suffix, writer in _WRITERS.items():
             file = folder / (name + suffix)
-            beside = file.with_name(f".{file.name}.{os.getpid()}.tmp")
-            beside.write_text(writer(table), encoding="utf-8")
-            os.replace(beside, file)
+            archive.write_text(file, writer(table))
             files.append(file)
     return files

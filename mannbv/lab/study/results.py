@@ -1,12 +1,9 @@
 """`results.json` and the files of single runs: writing, reading, and refusing what does not belong together."""
 
 import dataclasses
-import json
-import math
-import os
 from pathlib import Path
 
-from mannbv import __version__, episode, messages, team
+from mannbv import __version__, archive, episode, messages, team
 from mannbv.config import Config
 from mannbv.episode import Record
 from mannbv.lab.study.cycles import episode_of, is_episode
@@ -39,8 +36,7 @@ def assemble(scene: str, dim: int, n_robots: int, config: Config, rows: list[dic
     def rank(entry: dict) -> tuple:
         return order.get(entry["strategy"], len(order)), entry["strategy"], entry["seed"], entry.get("robot", 0)
 
-    rows = sorted(rows, key=rank)
-    rows = [{key: _plain(value) for key, value in row.items()} for row in rows]
+    rows = archive.plain(sorted(rows, key=rank))
     return {
         "mannbv": __version__,
         "scene": scene,
@@ -54,26 +50,19 @@ def assemble(scene: str, dim: int, n_robots: int, config: Config, rows: list[dic
     }
 
 
-def _plain(value):
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def save(results: dict, path) -> None:
     """Write `results.json`; the file is whole at any moment, and holds no NaN."""
-    path = Path(path)
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    beside.write_text(json.dumps(results, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    os.replace(beside, path)
+    archive.write_text(path, archive.to_json(results, indent=1) + "\n")
 
 
 def load(path) -> dict:
     """Read `results.json`; one written before there were "episodes" has none. Raises StudyError for anything else."""
     path = Path(path)
     try:
-        results = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+        results = archive.from_json(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise StudyError(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise StudyError(f"{path}: not valid JSON ({error}); run the same compare again to rewrite it") from None
     if not isinstance(results, dict) or not all(key in results for key in KEYS):
         raise StudyError(f"{path}: no results of compare; expected an object with {', '.join(KEYS)}")
@@ -100,10 +89,6 @@ def _is_number(value) -> bool:
     return isinstance(value, (int, float)) and abs(value) < 1e300  # JSON holds whole numbers of any size
 
 
-def _refuse(constant: str):
-    raise ValueError(f"{constant} is no number")
-
-
 def gather(paths) -> tuple[list[dict], list[str]]:
     """Results from any mix of `results.json`, run files (.npz) and folders of either; and a line for each run left out.
 
@@ -124,7 +109,7 @@ def gather(paths) -> tuple[list[dict], list[str]]:
                 left_out.append(f"{file}: not finished ({len(record.cycles)} cycles so far), left out")
     groups = {}
     for results in found:
-        key = json.dumps([results[k] for k in ("scene", "dim", "robots", "config")], sort_keys=True)
+        key = archive.to_json([results[k] for k in ("scene", "dim", "robots", "config")], sort_keys=True)
         groups.setdefault(key, []).append(results)
     merged = [_merge(group) for group in groups.values()]
     merged = [results for results in merged if results["rows"]]

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from mannbv import consensus, episode, risk, team
+from mannbv import archive, consensus, episode, risk, team
 from mannbv.config import Config
 from mannbv.episode import Record
 from mannbv.world import World
@@ -71,8 +71,8 @@ def run(jobs: list[Job], workers: int, watch: Callable[[EpisodeProgress], None])
     """Run all jobs, `workers` at a time (0: in this process); returns why some failed. `watch` gets every change."""
     if workers < 0:
         raise ValueError(f"study: workers must be 0 (run in this process) or more, got {workers}")
-    for stale in {path for job in jobs for path in job.path.parent.glob(".*.tmp")}:
-        stale.unlink(missing_ok=True)  # what a killed run was writing
+    for folder in {job.path.parent for job in jobs}:
+        archive.tidy(folder)
     if workers:
         return _Pool(jobs, workers, watch).run()
     faults = {}

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mannbv import archive
 from mannbv.world import bodies
 from mannbv.world.errors import SceneError
 
@@ -15,10 +16,10 @@ LARGEST = 1e6  # no number in a scene is larger: lengths are metres
 def read(path, form: str) -> "Entry":
     """The object in a JSON file whose "format" is `form`. Raises SceneError."""
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_no_constant)
+        document = archive.from_json(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise SceneError(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise SceneError(f"{path}: not valid JSON ({error}); is the file complete? See data/README.md") from None
     if not isinstance(document, dict) or document.get("format") != form:
         raise SceneError(f'{path}: "format" must be "{form}"; is this a plan? See data/README.md')
@@ -96,10 +97,6 @@ class Entry:
         if not isinstance(values, list):
             self.fail(key, "a list", values)
         return [self.child(f"{key}[{k}]", value) for k, value in enumerate(values)]
-
-
-def _no_constant(name: str):
-    raise ValueError(f"{name} is no number")
 
 
 def _is_number(value) -> bool:

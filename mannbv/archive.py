@@ -1,0 +1,185 @@
+"""Files: written whole or not at all, read without trust; records as named arrays; JSON that knows no NaN."""
+
+import contextlib
+import dataclasses
+import json
+import math
+import os
+import typing
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+_TRUSTED = 2**30  # [B] to which any archive may unpack; a larger one to `_RATIO` times its own size, no more
+_RATIO = 100
+_KINDS = "biufU"  # of arrays: truth, numbers and text
+
+
+class ArchiveError(ValueError):
+    """Why a file is no archive of the arrays asked for, in one line without its name."""
+
+
+class Arrays(dict):
+    """Named arrays from a file. Raises ArchiveError for one that is missing."""
+
+    def __missing__(self, name: str):
+        raise ArchiveError(f"it holds no {name}")
+
+
+@contextlib.contextmanager
+def whole(path) -> Iterator[BinaryIO]:
+    """A file to write into, which takes the place of `path` when all has gone well; folders are made.
+
+    Whatever goes wrong, a full disk and Ctrl-C included, `path` stays as it was and nothing is left beside it.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with beside.open("wb") as file:
+            yield file
+        os.replace(beside, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            beside.unlink()
+        raise
+
+
+def tidy(folder: Path) -> None:
+    """Remove what processes that were killed have left of `whole`."""
+    for stale in folder.glob(".*.tmp"):
+        stale.unlink(missing_ok=True)
+
+
+def write_text(path, text: str) -> None:
+    """Write a text file (UTF-8, lines end as they do in `text`) whole or not at all."""
+    with whole(path) as file:
+        file.write(text.encode())
+
+
+def write(path, arrays: Mapping[str, np.ndarray], compressed: bool = False) -> None:
+    """Write named arrays (.npz) whole or not at all. Raises TypeError for what only a pickle could hold."""
+    for name, values in arrays.items():
+        if values.dtype.kind not in _KINDS:
+            raise TypeError(f"{path}: {name} is neither numbers nor text, so no array for an archive")
+    with whole(path) as file:
+        (np.savez_compressed if compressed else np.savez)(file, **arrays)
+
+
+def read(path) -> Arrays:
+    """The named arrays of an .npz file, each to the last bit; nothing in it is ever executed.
+
+    Raises ArchiveError for a file that is missing, cut, damaged or something else, and for one that would unpack to
+    absurdly more than it is. No header is believed before the bytes for it are there.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ArchiveError("no such file")
+    try:
+        with zipfile.ZipFile(path) as file:
+            size = sum(member.file_size for member in file.infolist())
+            if size > max(_TRUSTED, _RATIO * path.stat().st_size):
+                raise ValueError(f"{path.stat().st_size:,} B would unpack to {size:,} B")
+            return Arrays((member.filename.removesuffix(".npy"), _array(file, member)) for member in file.infolist())
+    except Exception as error:  # of zipfile, its decompressors and numpy's parser of headers
+        fault = " ".join(str(error).split()) or type(error).__name__
+        raise ArchiveError(f"no sound .npz archive ({fault})") from None
+
+
+def _array(file: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+    with file.open(member) as data:
+        old = np.lib.format.read_magic(data) == (1, 0)
+        header = np.lib.format.read_array_header_1_0 if old else np.lib.format.read_array_header_2_0
+        shape, fortran, dtype = header(data)
+        if dtype.kind not in _KINDS:
+            raise ValueError(f"{member.filename} holds {dtype}, neither numbers nor text")
+        room = member.file_size - data.tell()
+        if math.prod(shape) * dtype.itemsize != room:
+            raise ValueError(f"{member.filename} promises {shape} of {dtype}, there is room for {room:,} B")
+        values = np.frombuffer(bytearray(data.read()), dtype).reshape(shape, order="F" if fortran else "C")
+    return values.astype(dtype.newbyteorder("="), copy=False)
+
+
+# ---- records as arrays ----------------------------------------------------------------------------------------------
+
+
+def pack(record, prefix: str = "") -> dict[str, np.ndarray]:
+    """The fields of a dataclass of tensors as named arrays, those of a dataclass inside it among them."""
+    arrays = {}
+    for field in dataclasses.fields(record):
+        value = getattr(record, field.name)
+        inside = dataclasses.is_dataclass(value)
+        arrays |= pack(value, prefix) if inside else {prefix + field.name: value.detach().cpu().numpy()}
+    return arrays
+
+
+def unpack(kind: type, arrays: Mapping[str, np.ndarray], prefix: str = ""):
+    """The inverse of `pack`: a record of that kind. Raises ArchiveError or KeyError where an array is missing."""
+    import torch  # not above: a command that only writes a table need not wait for it
+
+    return kind(*(
+        unpack(part, arrays, prefix) if dataclasses.is_dataclass(part) else torch.from_numpy(arrays[prefix + name])
+        for name, part in typing.get_type_hints(kind).items()
+    ))  # fmt: skip
+
+
+def stack(records: Iterable, prefix: str = "") -> dict[str, np.ndarray]:
+    """Records of one kind and shape as an array for each field, with a row for each; nothing for no records."""
+    rows = [pack(record, prefix) for record in records]
+    return {name: np.stack([row[name] for row in rows]) for name in rows[0]} if rows else {}
+
+
+def unstack(kind: type, arrays: Mapping[str, np.ndarray], prefix: str = "") -> tuple:
+    """The inverse of `stack`. Raises ValueError for arrays of several lengths, else as `unpack`."""
+    names = list(_leaves(kind))
+    if prefix + names[0] not in arrays:
+        return ()
+    rows = zip(*(arrays[prefix + name] for name in names), strict=True)
+    return tuple(unpack(kind, dict(zip(names, row, strict=True))) for row in rows)
+
+
+def _leaves(kind: type) -> Iterator[str]:
+    for name, part in typing.get_type_hints(kind).items():
+        yield from _leaves(part) if dataclasses.is_dataclass(part) else [name]
+
+
+# ---- JSON -----------------------------------------------------------------------------------------------------------
+
+
+def to_json(value, **layout) -> str:
+    """JSON, in which a number that does not exist (NaN, an infinity) is null; layout: as of `json.dumps`."""
+    try:
+        return json.dumps(value, allow_nan=False, **layout)
+    except ValueError:
+        return json.dumps(plain(value), allow_nan=False, **layout)
+
+
+def plain(value):
+    """The same dicts, lists and values with None for each number that does not exist."""
+    if isinstance(value, dict):
+        return {key: plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def from_json(text: str | bytes):
+    """What JSON says. Raises ValueError for anything else, numbers that do not exist and bottomless nests included."""
+    try:
+        return json.loads(text, parse_constant=_refuse, parse_float=_finite)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if math.isinf(value):
+        raise ValueError(f"{text} is no finite number")
+    return value
+
+
+def _refuse(text: str):
+    raise ValueError(f"{text} is no number")
