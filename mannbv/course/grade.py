@@ -346,6 +346,5 @@ def score(rows: list[dict]) -> str:
     """Passed/total of a copy, and the first error of its cells; or why it has none."""
     if not rows[0]["exercise"]:
         return rows[0]["says"]
-    # spreadsheets write TRUE
-    marks = f"{sum(row['passed'].lower() == 'true' for row in rows)}/{len(rows)}"
+    marks = f"{sum(row['passed'].lower() == 'true' for row in rows)}/{len(rows)}"  # spreadsheets write TRUE
     return f"{marks}  {rows[0]['raised']}".rstrip()
