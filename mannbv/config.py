@@ -52,7 +52,7 @@ _KINDS = {int: (numbers.Integral, "a whole number"), float: (numbers.Real, "a fi
 _POSITIVE = frozenset([
     "image_width", "image_height", "fov", "max_depth", "step", "turn", "cell", "insert_spacing", "insert_scale",
     "sigma_color", "sigma_depth", "n_subgoals", "r_min", "beta1", "beta2", "gamma1", "risk_scale", "stride", "reach",
-    "penalty", "penalty_growth",
+    "penalty", "penalty_growth", "scout_pixels", "free_share", "subgoal_yaws", "path_spacing",
 ])  # fmt: skip
 
 
@@ -72,6 +72,8 @@ class Config:
     turn: float = _constant(math.radians(5), "rad", "angle of a turn", "paper VI-B")
     robot_radius: float = _constant(0.1, "m", "radius of the robot's disc", "Habitat's default")
     cell: float = _constant(0.05, "m", "cell of the occupancy grid", "paper VI-B")
+    scout_pixels: int = _constant(128, "px", "a side of the image that only carves the ground, at most")
+    free_share: float = _constant(0.7071067811865476, "1", "share of max_depth that is free where nothing is in range")
     camera_height: float = _constant(1.25, "m", "of the camera above the floor, in 3-D only", "Habitat's default")
     body_low: float = _constant(0.1, "m", "in 3-D robots step over what is lower", "a public active-mapping harness")
     body_high: float = _constant(1.3, "m", "in 3-D robots pass below what is higher", "a public active-mapping harness")
@@ -118,9 +120,14 @@ class Config:
     margin: float = _constant(0.1, "m", "A*: distance kept from occupied cells, beyond the robot's radius")
     min_frontier: int = _constant(10, "cells", "smaller frontiers are ignored", "a public active-mapping harness")
     n_subgoals: int = _constant(4, "1", "frontiers nearest to the goal among which information decides")
-    detour: float = _constant(0.15, "1", "a candidate subgoal may lengthen the way by this share (and 0.5 m)")
+    detour: float = _constant(0.15, "1", "a candidate subgoal may lengthen the way by this share")
+    slack: float = _constant(0.5, "m", "… and by this")
+    tried_radius: float = _constant(0.3, "m", "subgoals this near to one that showed nothing new are passed over")
+    subgoal_yaws: int = _constant(72, "1", "uniform yaws of the profiles that rank subgoals")
     stride: float = _constant(0.8, "m", "distance travelled between two chosen views")
+    path_spacing: float = _constant(0.25, "m", "between the waypoints that are announced and masked")
     reach: float = _constant(0.2, "m", "a goal this near is reached", "Habitat's success radius")
+    patience: int = _constant(3, "1", "cycles in a row without any route after which a robot is given up")
     max_cycles: int = _constant(80, "1", "planning cycles before an episode ends")
     # agreement, Eqs. (25)-(29)
     solver: str = _constant("cadmm", "", "a name in consensus.SOLVERS", "paper V-C")
@@ -155,6 +162,11 @@ class Config:
             raise ValueError(f"config: fov must be below π rad, got {self.fov}")
         if self.n_yaws < 4:
             raise ValueError(f"config: n_yaws must be at least 4, got {self.n_yaws}")
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """The standard deviations of the likelihood, Eq. (4), as `information.fisher` and its kin take them."""
+        return {"sigma_color": self.sigma_color, "sigma_depth": self.sigma_depth}
 
     def replace(self, **changes) -> "Config":
         """A copy with some constants changed. Raises ValueError for a name that is none of them."""

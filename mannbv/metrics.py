@@ -6,9 +6,9 @@ import numpy as np
 import torch
 
 from mannbv import geometry, grid, planner, render, risk
+from mannbv.belief import Belief
 from mannbv.camera import Camera
 from mannbv.config import Config
-from mannbv.objective import Belief
 from mannbv.splats import SplatMap
 from mannbv.world import World
 
@@ -49,11 +49,11 @@ def reference_path(belief: Belief, start: np.ndarray, goal: np.ndarray, config: 
 
     None where the map knows none, or no open cell within `reach` and the planner's margins of either end.
     """
-    cells = planner.traversable(belief.occupancy, config)
+    cells = planner.traversable(belief.ground, config)
     if not cells.any():
         return None
-    price = planner.prices(belief.splats, belief.occupancy.lattice, cells, start[2:], config)
-    path = planner.safe_path(price, belief.occupancy.lattice, start, goal)
+    price = planner.prices(belief.splats, belief.ground.lattice, cells, start[2:], config)
+    path = planner.safe_path(price, belief.ground.lattice, start, goal)
     if path is None:
         return None
     near = config.reach + config.robot_radius + config.margin

@@ -7,21 +7,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mannbv import consensus, grid, information, mask, risk, splats
+from mannbv import consensus, information, mask, risk, splats
+from mannbv.belief import Belief, profile, shown
 from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.geometry import Pose
 from mannbv.information import YawProfile
-from mannbv.splats import SplatMap
-
-
-@dataclass(frozen=True)
-class Belief:
-    """What one robot may evaluate on: splats, the information about each (n, p), the ground it knows (or None)."""
-
-    splats: SplatMap
-    prior: Tensor
-    occupancy: grid.Occupancy | None = None
 
 
 @dataclass(frozen=True)
@@ -43,7 +34,7 @@ def zone(belief: Belief, path: np.ndarray, config: Config) -> Zone:
     weights = torch.zeros(len(selected)).to(belief.splats.means)
     if bool(selected.any()):
         chosen = belief.splats.select(selected)
-        weights[selected] = mask.proximity(chosen, points, belief.occupancy, config.gamma1, config.gamma2)
+        weights[selected] = mask.proximity(chosen, points, belief.ground, config.gamma1, config.gamma2)
     return Zone(alpha, radii, selected, weights)
 
 
@@ -57,18 +48,7 @@ def served(belief: Belief, camera: Camera, position: np.ndarray, path: np.ndarra
     here = zone(belief, path, config)
     if not bool((here.weights > 0).any()):
         return None
-    return information.yaw_profile(
-        belief.splats,
-        camera,
-        position,
-        belief.prior,
-        weights=here.weights,
-        selected=here.selected,
-        damping=information.damping(belief.splats.dim, config),
-        n_yaws=config.n_yaws,
-        sigma_color=config.sigma_color,
-        sigma_depth=config.sigma_depth,
-    )
+    return profile(belief, camera, position, config, here.weights, here.selected)
 
 
 def local(belief: Belief, camera: Camera, positions: list, paths: list, config: Config) -> np.ndarray:
@@ -92,10 +72,7 @@ def per_owner(
     terms = []
     for j, (belief, here) in enumerate(zip(beliefs, zones, strict=True)):
         rest = [b.splats for k, b in enumerate(beliefs) if k != j] if joint_rendering else []
-        acquired = information.fisher(
-            belief.splats, camera, pose, splats.union(*rest) if rest else None,
-            sigma_color=config.sigma_color, sigma_depth=config.sigma_depth,
-        )  # fmt: skip
+        acquired = shown(belief, camera, pose, config, splats.union(*rest) if rest else None)
         damping = information.damping(belief.splats.dim, config)
         terms.append(information.gain(acquired, belief.prior, here.weights, here.selected, damping))
     return torch.stack(terms)
@@ -103,7 +80,7 @@ def per_owner(
 
 def pooled(beliefs: list[Belief]) -> Belief:
     """The central map (16), its information block by block, and the ground that the team knows together."""
-    grounds = [b.occupancy for b in beliefs if b.occupancy is not None]
+    grounds = [b.ground for b in beliefs if b.ground is not None]
     ground = grounds[0].merged(*grounds[1:]) if grounds else None
     return Belief(splats.union(*(b.splats for b in beliefs)), torch.cat([b.prior for b in beliefs]), ground)
 
@@ -132,12 +109,12 @@ def lower_bound(
     grid. Central variants: `joint_rendering`; `joint_priors`, every block's information from all robots' views.
     `own_weights`: robot j weighs with its own grid instead of the common one.
     """
-    common = pooled(beliefs).occupancy
+    common = pooled(beliefs).ground
     local = beliefs if own_weights else [Belief(b.splats, b.prior, common) for b in beliefs]
     distributed = per_owner(local, [zone(b, path, config) for b in local], camera, pose, config)
     blocks = beliefs
     if joint_priors is not None:
-        blocks = [Belief(b.splats, p, b.occupancy) for b, p in zip(beliefs, joint_priors, strict=True)]
+        blocks = [Belief(b.splats, p, b.ground) for b, p in zip(beliefs, joint_priors, strict=True)]
     central = per_owner(blocks, central_zones(beliefs, path, config), camera, pose, config, joint_rendering)
     return distributed.sum().item(), central.sum().item()
 

@@ -1,19 +1,16 @@
 """Where to go: risk-averse A* on the grid, and the most informative of the subgoals near the goal (Section VI-A)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
-from mannbv import grid, information, risk
+from mannbv import grid, risk
+from mannbv.belief import Belief, profile
 from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.splats import SplatMap
-
-# chosen here, as the paper says nothing of them
-_SLACK = 0.5  # [m] by which a way may be longer than the shortest, beside `Config.detour`
-_AWAY = 0.3  # [m] from a subgoal that showed nothing new
-_N_YAWS = 72  # of the profiles that rank subgoals
 
 
 @dataclass(frozen=True)
@@ -103,21 +100,15 @@ def _frontier_targets(
 
 
 def plan(
-    splat_map: SplatMap,
-    prior: torch.Tensor,
-    occupancy: grid.Occupancy,
-    camera: Camera,
-    position: np.ndarray,
-    goal: np.ndarray,
-    config: Config,
-    tried: tuple = (),
+    belief: Belief, camera: Camera, position: np.ndarray, goal: np.ndarray, config: Config, tried: Sequence = ()
 ) -> Route | None:
     """The route to the goal if it is known to be reachable, else to the most informative frontier near it.
 
     Frontiers count if they have `min_frontier` cells and lengthen the optimistic way to the goal (unknown cells open)
-    by no more than `detour` and 0.5 m; of the `n_subgoals` nearest, the one whose best view gains most is chosen.
+    by no more than `detour` and `slack`; of the `n_subgoals` nearest, the one whose best view gains most is chosen.
     tried: (x, y) [m] of subgoals that showed nothing new. None where there is nowhere to go.
     """
+    occupancy = belief.ground
     lattice = occupancy.lattice
     cells = traversable(occupancy, config)
     here, goal_cell = lattice.index(np.stack([position, goal]))
@@ -126,7 +117,7 @@ def plan(
     near, _ = grid.nearest(cells, np.clip(here, 0, np.array(lattice.shape) - 1)[None])
     walked = grid.geodesic(np.where(cells, 1.0, np.inf), near)
     reach = np.isfinite(walked)
-    price = prices(splat_map, lattice, reach, position[2:], config)
+    price = prices(belief.splats, lattice, reach, position[2:], config)
     nothing = np.zeros((0, len(position))), np.zeros(0)
     if lattice.at(reach, goal[None], False)[0]:
         return Route(safe_path(price, lattice, position, goal), None, *nothing)
@@ -139,23 +130,15 @@ def plan(
     spots = lattice.centers(np.array([t for t, _ in targets]).reshape(-1, 2))
     fresh = np.isfinite(length)
     for spot in tried:
-        fresh &= np.linalg.norm(spots - spot, axis=1) > _AWAY
+        fresh &= np.linalg.norm(spots - spot, axis=1) > config.tried_radius
     order = [k for k in np.argsort(length, kind="stable") if fresh[k]]
-    order = [k for k in order if length[k] <= length[order[0]] * (1 + config.detour) + _SLACK][: config.n_subgoals]
     if not order:
         return None
+    longest = length[order[0]] * (1 + config.detour) + config.slack
+    order = [k for k in order if length[k] <= longest][: config.n_subgoals]
     candidates = raised(spots[order], position[2:])
-    gains = np.array([_promise(splat_map, prior, camera, spot, config) for spot in candidates])
+    gains = np.array([profile(belief, camera, s, config, n_yaws=config.subgoal_yaws).gains.max() for s in candidates])
     best = int(np.argmax(gains))
     waypoints = safe_path(price, lattice, position, candidates[best])
     look = np.concatenate([lattice.centers(targets[order[best]][1]), position[2:]])
     return Route(waypoints, look, candidates, gains)
-
-
-def _promise(splat_map: SplatMap, prior: torch.Tensor, camera: Camera, spot: np.ndarray, config: Config) -> float:
-    """Gain of the best view from a spot, over the whole map."""
-    profile = information.yaw_profile(
-        splat_map, camera, spot, prior, damping=information.damping(splat_map.dim, config), n_yaws=_N_YAWS,
-        sigma_color=config.sigma_color, sigma_depth=config.sigma_depth,
-    )  # fmt: skip
-    return float(profile.gains.max())

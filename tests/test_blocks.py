@@ -244,7 +244,7 @@ def test_the_distributed_gain_of_blocks_is_a_lower_bound(seed, dim, n_robots):
     """Lemma 1, Eq. (22), by the paper's definition: blocks alone, own priors, weights from one common grid."""
     rng = np.random.default_rng(seed)
     beliefs, _, camera, pose, path = random_team(rng, dim, n_robots)
-    common, past = objective.pooled(beliefs).occupancy, random_pose(rng, dim)
+    common, past = objective.pooled(beliefs).ground, random_pose(rng, dim)
     sides = []
     for belief, central in zip(beliefs, objective.central_zones(beliefs, path, CONFIG), strict=True):
         own = objective.zone(objective.Belief(belief.splats, belief.prior, common), path, CONFIG)

@@ -182,7 +182,7 @@ def test_a_cycle_reports_the_risk_that_its_robots_believed_in_when_they_planned(
     robots = [team.start(k, start[:2], float(start[2]) + k, place.goals[k], mission) for k in (0, 1)]
     post, guests_counted = Mailbox("json"), []
     for number in range(2):
-        planned = [team.plan(team.observe(robot, mission, number), mission, number) for robot in robots]
+        planned = [team.plan(team.observe(robot, mission, number), mission) for robot in robots]
         robots, cycle = team.cycle(robots, mission, post, number)
         for robot, log in zip(planned, cycle.robots, strict=True):
             both = splats.union(robot.local.splats, robot.guests.splats).to(torch.float64)

@@ -318,7 +318,7 @@ def test_robots_have_colours_of_their_own():
 
 def test_the_risk_that_is_drawn_is_the_field(record):
     robot = study.snapshot(record).robots[0]
-    lattice = robot.belief.occupancy.lattice
+    lattice = robot.belief.ground.lattice
     cells = np.argwhere(np.isfinite(robot.risk))[::97]
     expected = risk.field(robot.belief.splats, torch.from_numpy(lattice.centers(cells)), TINY.level)
     np.testing.assert_allclose(robot.risk[tuple(cells.T)], expected, atol=1e-6)

@@ -8,9 +8,9 @@ import torch
 from skimage.metrics import peak_signal_noise_ratio
 
 from mannbv import geometry, grid, metrics, planner, render, risk, world
+from mannbv.belief import Belief
 from mannbv.camera import Camera
 from mannbv.config import Config
-from mannbv.objective import Belief
 from mannbv.splats import SplatMap
 
 CONFIG = Config(image_width=48)

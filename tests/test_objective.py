@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from mannbv import geometry, information, objective, splats
+from mannbv.belief import Belief
 from mannbv.config import Config
 from mannbv.grid import FREE, Lattice, Occupancy
-from mannbv.objective import Belief, Zone
+from mannbv.objective import Zone
 from mannbv.splats import SplatMap
 
 CONFIG = Config()
@@ -222,14 +223,14 @@ def test_which_combinations_keep_the_lower_bound(flags, tried):
 @pytest.mark.parametrize("story", ["a wall unknown to me", "a room on the other side"])
 def test_the_grids_of_the_counterexamples_tell_their_story(story):
     beliefs, _, (_, _, path, config), own, waypoint = counterexample(False, False, story)
-    common = objective.pooled(beliefs).occupancy
-    assert beliefs[0].occupancy.state[tuple(waypoint)] == common.state[tuple(waypoint)] == FREE
+    common = objective.pooled(beliefs).ground
+    assert beliefs[0].ground.state[tuple(waypoint)] == common.state[tuple(waypoint)] == FREE
     mine = objective.zone(beliefs[0], path, config).weights.item()
     central = objective.central_zones(beliefs, path, config)[0].weights.item()
     assert_allclose(mine, math.exp(-1.0))  # two cells of half a metre
     # cut off: by the wall without a gap, or because the nearest free cell is now in the room beyond
     assert central == 0.0
-    assert (own != beliefs[1].occupancy.log_odds).any()
+    assert (own != beliefs[1].ground.log_odds).any()
 
 
 def test_the_teams_objective_by_hand(rng):
@@ -276,7 +277,7 @@ def test_the_zone_of_an_empty_map_is_empty():
 @pytest.mark.parametrize("dim", [2, 3])
 def test_far_teammates_change_nothing(dim, rng):
     beliefs, _, camera, pose, path = random_team(rng, dim, 2)
-    far = Belief(shifted(beliefs[1].splats, 500.0), beliefs[1].prior, beliefs[1].occupancy)
+    far = Belief(shifted(beliefs[1].splats, 500.0), beliefs[1].prior, beliefs[1].ground)
     team = [beliefs[0], far]
     for joint in (False, True):
         distributed, central = objective.lower_bound(team, camera, pose, path, CONFIG, joint)

@@ -6,6 +6,7 @@ import torch
 from skimage.graph import route_through_array
 
 from mannbv import geometry, grid, information, planner, risk
+from mannbv.belief import Belief
 from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.splats import SplatMap
@@ -87,7 +88,9 @@ def scenario(state, goal, n_subgoals=4, tried=()):
     prior = torch.ones(60, information.n_parameters(2))
     config = CONFIG.replace(n_subgoals=n_subgoals, min_frontier=3)
     camera = Camera.from_fov(32)
-    return planner.plan(splats, prior, known(state), camera, np.array([1.0, 2.0]), np.asarray(goal), config, tried)
+    return planner.plan(
+        Belief(splats, prior, known(state)), camera, np.array([1.0, 2.0]), np.asarray(goal), config, tried
+    )
 
 
 def test_a_known_way_to_the_goal_needs_no_subgoal():

@@ -179,15 +179,15 @@ def test_a_worker_leaves_at_the_next_cycle_when_its_parent_is_gone(tmp_path):
 # ---- failures -----------------------------------------------------------------------------------------------------
 
 
-def break_down(robots, mission, post, cycle):
+def break_down(robot, mission):
     raise KeyError("the third wheel")
 
 
-def vanish(robots, mission, post, cycle):
+def vanish(robot, mission):
     os._exit(7)
 
 
-def give_up(robots, mission, post, cycle):
+def give_up(robot, mission):
     raise ValueError("nothing\nto say")
 
 
@@ -205,7 +205,7 @@ def test_a_failing_episode_is_named_and_costs_no_other(tmp_path, registry):
 
 def test_a_killed_worker_costs_its_own_episode_only_and_own_strategies_reach_the_workers(tmp_path, registry):
     team.register("gone", vanish, team.serve_own)
-    team.register("mine", team.share_plans, team.serve_own, "own")
+    team.register("mine", team.announce, team.serve_own, "own")
     updates = []
     outcome = compare(tmp_path, ["gone", "mine"], workers=1, progress=updates.append)
     assert len(outcome.failures) == 1
@@ -217,7 +217,7 @@ def test_a_killed_worker_costs_its_own_episode_only_and_own_strategies_reach_the
 
 
 def test_a_strategy_that_no_other_process_could_find_is_refused_at_once(tmp_path, registry):
-    team.register("hidden", lambda robots, mission, post, cycle: robots, team.serve_own)
+    team.register("hidden", lambda robot, mission: [], team.serve_own)
     with pytest.raises(ValueError, match=r"strategy 'hidden' cannot be sent .* or use workers=0"):
         compare(tmp_path, ["hidden"], workers=1)
     assert compare(tmp_path, ["hidden"], workers=0).failures == ()
@@ -575,7 +575,7 @@ def test_a_snapshots_risk_is_that_of_the_known_free_cells(done):
     record = done.record("single")
     seen = study.snapshot(record).robots[0]
     robot = record.robots[0]
-    ground = seen.belief.occupancy  # the known part
+    ground = seen.belief.ground  # the known part
     free = ground.log_odds < 0
     assert free.sum() == (robot.ground.log_odds < 0).sum()
     np.testing.assert_array_equal(np.isfinite(seen.risk), free)

@@ -92,8 +92,8 @@ def test_map_b_moves_as_a_whole_with_what_its_robot_knows():
     assert torch.allclose(turned.means - torch.tensor(pose), torch.stack([-away[:, 1], away[:, 0]], 1), atol=1e-5)
     steps = np.rint(np.array([-1.25, 1.25]) / bound._LATTICE.cell).astype(int)
     inner = (slice(12, -12),) * 2
-    rolled = np.roll(still.occupancy.state, steps, (0, 1))
-    assert np.mean(rolled[inner] == moved.occupancy.state[inner]) > 0.97
+    rolled = np.roll(still.ground.state, steps, (0, 1))
+    assert np.mean(rolled[inner] == moved.ground.state[inner]) > 0.97
 
 
 def test_each_robot_knows_of_its_map_what_its_own_look_told_and_a_joint_prior_what_both_did():

@@ -17,7 +17,6 @@ from mannbv.messages import Ledger, Mailbox
 from mannbv.team import Mission, Robot
 
 PRIORS = ("recompute", "incremental")
-_PATIENCE = 3  # cycles in a row without any route after which a robot is given up; chosen here
 
 
 def run(
@@ -92,14 +91,14 @@ def draw_team(place, n_robots: int, seed: int, config: Config):
 def _advance(record: Record, mission: Mission) -> Record:
     """One more cycle, or the end."""
     config, number = mission.config, len(record.cycles)
-    settled = all(robot.status == "reached" or robot.stuck >= _PATIENCE for robot in record.robots)
+    settled = all(robot.status == "reached" or robot.stuck >= config.patience for robot in record.robots)
     if settled or number >= config.max_cycles:
         robots = tuple(team.observe(robot, mission, number) for robot in record.robots)
         record = dataclasses.replace(record, robots=robots)
         return dataclasses.replace(record, rows=tuple(score(record, mission)), finished=True)
-    post = Mailbox(config.codec, record.ledger)
-    robots, log = team.cycle(list(record.robots), mission, post, number)
-    return dataclasses.replace(record, cycles=(*record.cycles, log), robots=tuple(robots), ledger=post.ledger)
+    mailbox = Mailbox(config.codec, record.ledger, mission.network)
+    robots, log = team.cycle(list(record.robots), mission, mailbox, number)
+    return dataclasses.replace(record, cycles=(*record.cycles, log), robots=tuple(robots), ledger=mailbox.ledger)
 
 
 def score(record: Record, mission: Mission) -> list[dict]:
@@ -122,7 +121,7 @@ def score(record: Record, mission: Mission) -> list[dict]:
         row |= {"psnr_db": psnr, "depth_mae_m": mae}
         row["bytes_sent"] = record.ledger.sent_by(robot.index)
         row["bytes_received"] = record.ledger.received_by(robot.index)
-        row["coverage"] = metrics.coverage(belief.occupancy, reachable, place.ground.lattice(config.cell))
+        row["coverage"] = metrics.coverage(belief.ground, reachable, place.ground.lattice(config.cell))
         row["fate"] = "reached" if reached else why_not(robot, config)
         rows.append(row)
     seconds = spent + time.perf_counter() - began

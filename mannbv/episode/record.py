@@ -85,9 +85,9 @@ def to_arrays(robot: Robot) -> dict[str, np.ndarray]:
     lattice, at = robot.ground.lattice, f"{robot.index}/"
     small = {"yaw": robot.yaw, "status": robot.status, "stuck": robot.stuck, "collisions": robot.collisions}
     small |= {"tried": [list(map(float, spot)) for spot in robot.tried]}
-    small |= {"origin": lattice.origin, "cell": lattice.cell, "heard": sorted(robot.heard)}
+    small |= {"origin": lattice.origin, "cell": lattice.cell, "heard": sorted(robot.grids)}
     arrays = {"small": _text(small), "position": robot.position, "goal": robot.goal, "trail": robot.trail}
-    arrays |= {"ground": robot.ground.log_odds} | {f"heard_{k}": grid.log_odds for k, grid in robot.heard.items()}
+    arrays |= {"ground": robot.ground.log_odds} | {f"heard_{k}": grid.log_odds for k, grid in robot.grids.items()}
     arrays = {at + name: values for name, values in arrays.items()} | mapping.to_arrays(robot.local, f"{at}own_")
     return arrays | archive.pack(robot.guests, f"{at}guest_") | archive.stack(robot.frames, f"{at}frame_")
 
@@ -97,11 +97,14 @@ def from_arrays(index: int, arrays: Mapping[str, np.ndarray]) -> Robot:
     at = f"{index}/"
     small = archive.from_json(bytes(arrays[f"{at}small"]))
     position, goal, trail, log_odds = (arrays[at + name] for name in ("position", "goal", "trail", "ground"))
+    if f"{at}guest_prior" in arrays:  # of a version whose robots did not look up their guests
+        prior = arrays[f"{at}guest_prior"]
+        arrays = {**arrays, f"{at}guest_sent": prior, f"{at}guest_seen": np.zeros_like(prior)}
     lattice = Lattice(tuple(small["origin"]), small["cell"], log_odds.shape)
     return Robot(
         index, position, small["yaw"], goal, mapping.from_arrays(arrays, f"{at}own_"), Occupancy(lattice, log_odds),
         archive.unpack(Guests, arrays, f"{at}guest_"), trail, archive.unstack(Frame, arrays, f"{at}frame_"),
-        heard={k: Occupancy(lattice, arrays[f"{at}heard_{k}"]) for k in small["heard"]},
+        grids={k: Occupancy(lattice, arrays[f"{at}heard_{k}"]) for k in small["heard"]},
         tried=tuple(np.array(spot) for spot in small["tried"]),
         status=small["status"], stuck=small["stuck"], collisions=small["collisions"],
     )  # fmt: skip

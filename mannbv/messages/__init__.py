@@ -2,7 +2,14 @@
 
 from mannbv.messages.codec import CODECS, decode, encode
 from mannbv.messages.kinds import KINDS, Copies, Grid, Layout, Message, Plan, Profile, Splats, Suggestion, layout
-from mannbv.messages.ledger import Ledger, Mailbox, centralized_bytes, ideal_exchange_bytes, limited_sharing_bytes
+from mannbv.messages.ledger import (
+    Ledger,
+    Letter,
+    Mailbox,
+    centralized_bytes,
+    ideal_exchange_bytes,
+    limited_sharing_bytes,
+)
 
 __all__ = [
     "CODECS",
@@ -11,6 +18,7 @@ __all__ = [
     "Grid",
     "Layout",
     "Ledger",
+    "Letter",
     "Mailbox",
     "Message",
     "Plan",

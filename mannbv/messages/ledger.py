@@ -1,5 +1,6 @@
 """Counting bytes: an account of what was really serialised, the mailbox that keeps it, and the paper's formulas."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -8,6 +9,9 @@ import networkx as nx
 from mannbv import archive
 from mannbv.messages.codec import CODECS, decode, encode
 from mannbv.messages.kinds import Message
+from mannbv.network import hops
+
+Letter = tuple[int | None, Message]  # to a robot, or to everybody
 
 SPLAT_BYTES = {2: 40, 3: 56}  # float32: 10 numbers in flatland, 14 in space
 GUEST_BYTES = 25_000  # the paper's size of one limited-sharing message
@@ -45,6 +49,10 @@ class Ledger:
     """
 
     rows: dict[tuple, list] = field(default_factory=dict)
+
+    def copy(self) -> "Ledger":
+        """An account of its own, with the same rows."""
+        return Ledger({key: list(row) for key, row in self.rows.items()})
 
     def sent(self, sender, receiver, kind: str, cycle, n_bytes, origin=None) -> None:
         """Enter one message of `n_bytes` = len(of the really serialised bytes)."""
@@ -114,7 +122,8 @@ class Ledger:
 class Mailbox:
     """A mailbox for robots in one process. What arrives has been through bytes, and every byte is in the ledger.
 
-    network: where given, messages cross only its links. lost(sender, receiver, message) → True drops a message, whose
+    It goes on from the account of a `ledger`, which stays as it is. network: where given, messages cross only its
+    links. lost(sender, receiver, message) → True drops a message, whose
     bytes have been sent all the same.
     """
 
@@ -122,8 +131,9 @@ class Mailbox:
         if codec not in CODECS:
             raise ValueError(f"messages: no codec is called '{codec}'; choose one of {', '.join(CODECS)}")
         self.codec, self.network, self.lost = codec, network, lost
-        self.ledger = Ledger() if ledger is None else ledger
-        self._boxes = {}
+        self.ledger = Ledger() if ledger is None else ledger.copy()
+        self._boxes: dict[int, list[tuple[int, Message]]] = {}
+        self._written: tuple[Message, bytes] | None = None
 
     def send(self, sender, receiver, message: Message, cycle=None) -> int:
         """Write, count and deliver a message; returns its bytes. `cycle` is the message's own by default.
@@ -132,12 +142,18 @@ class Mailbox:
         """
         if sender == receiver or (self.network is not None and not self.network.has_edge(sender, receiver)):
             raise ValueError(f"messages: robot {sender} has no link to robot {receiver}")
-        data = encode(message, self.codec)
+        size, arrived = self.carried(message)
         kind, cycle = type(message).__name__, message.cycle if cycle is None else cycle
-        self.ledger.sent(sender, receiver, kind, cycle, len(data), message.robot)
+        self.ledger.sent(sender, receiver, kind, cycle, size, message.robot)
         if self.lost is None or not self.lost(sender, receiver, message):
-            self._boxes.setdefault(receiver, []).append((sender, decode(data)))
-        return len(data)
+            self._boxes.setdefault(receiver, []).append((sender, arrived))
+        return size
+
+    def carried(self, message: Message) -> tuple[int, Message]:
+        """The bytes that a message is, and the message that they are read as."""
+        if self._written is None or self._written[0] is not message:  # to several robots it is written once
+            self._written = message, encode(message, self.codec)
+        return len(self._written[1]), decode(self._written[1])
 
     def relay(self, way, message: Message, cycle=None) -> None:
         """Send a message along `way`, robots from the first sender to the receiver; those between only pass it on."""
@@ -154,3 +170,28 @@ class Mailbox:
         box = self._boxes.get(receiver, [])
         self._boxes[receiver] = [item for item in box if not isinstance(item[1], kind)]
         return [item for item in box if isinstance(item[1], kind)]
+
+    def deliver(self, said: Mapping[int, Iterable[Letter]], graph: nx.Graph) -> dict[int, list[Message]]:
+        """What every robot hears, in order, when all have spoken: said, robot → its letters; over the links of a graph.
+
+        A message to one robot takes a shortest way; one to everybody goes hop by hop, so that each robot hears it once.
+        Robots on the way pass on what has arrived.
+        """
+        spread: dict[int, dict[int, list[Message]]] = {robot: {} for robot in said}
+        for robot, letters in said.items():
+            for receiver, message in letters:
+                if receiver is None:
+                    spread[robot].setdefault(robot, []).append(message)
+                else:
+                    near = graph.has_edge(robot, receiver)
+                    self.relay([robot, receiver] if near else nx.shortest_path(graph, robot, receiver), message)
+        heard = {robot: [message for _, message in self.collect(robot)] for robot in said}
+        for hop in hops(graph) if any(spread.values()) else ():
+            for sender, receiver, origin in hop:
+                for message in spread[sender].get(origin, ()):
+                    self.send(sender, receiver, message)
+            for robot in said:
+                for _, message in self.collect(robot):
+                    spread[robot].setdefault(message.robot, []).append(message)
+                    heard[robot].append(message)
+        return heard

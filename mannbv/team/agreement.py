@@ -1,71 +1,101 @@
-"""Agree: from every robot's F_i to the team's yaws, by messages (Section V-C), and the views robots suggest."""
+"""Agree: from every robot's F_i to the team's yaws, by messages (Section V-C), and the views that robots suggest."""
+
+from collections.abc import Iterable
 
 import numpy as np
 
 from mannbv import consensus, messages, network
-from mannbv.team.log import SuggestionLog
-from mannbv.team.robots import Mission, Robot
-from mannbv.team.strategies import best_yaw, way
+from mannbv.messages import Letter, Mailbox
+from mannbv.team.exchange import each, exchange
+from mannbv.team.robots import Choice, Mission, Robot
+from mannbv.team.strategies import Evaluate, best_yaw, solver_of
 
-# how `consensus.start` spells the solvers whose messages are really sent round by round
+# the solvers whose messages are really sent round by round
 _ROUNDS = {"cadmm": {}, "cadmm-gradient": {"primal": "gradient"}, "cadmm-literal": {"circle": False}}
 
 
-def agree(robots: list[Robot], gains: np.ndarray, mission: Mission, post: messages.Mailbox, cycle: int, solver: str):
-    """Everyone's yaw (N,) [rad] from the stacked F_i (N, N, M), and the largest residual of each round.
+def evaluate(robot: Robot, mission: Mission, by: Evaluate) -> Robot:
+    """With its F_i: Π_k of every trajectory that it heard of, on its own map, and their gains (Algorithm 1, line 6)."""
+    return robot.replace(choice=Choice(by(robot, mission)))
 
-    C-ADMM and the profile exchange really send their messages; any other solver is handed the tables.
-    The scale of the gains is agreed first (one number a robot, in its suggestions). A real team would run all T_ADMM
-    rounds or spend one bit a message on stopping; here the rounds end when every robot's residuals are below the
-    tolerance.
+
+def suggest(robot: Robot, mission: Mission) -> Iterable[Letter]:
+    """To every teammate its best view by this robot's map, argmax f_ik (Fig. 2b).
+
+    With it goes this robot's largest gain: the largest of all scales the team's objectives. Where the solver needs that
+    scale, it also goes to those of whose view this robot's map says nothing, with a gain of 0.
     """
-    config = mission.config
-    announced = np.array([robot.announced for robot in robots])
-    scale = consensus.scale_of(gains)
-    settings = {"penalty": config.penalty, "growth": config.penalty_growth, "scale": scale}
-    if solver not in _ROUNDS:
-        if solver == "profile":
-            _send_profiles(gains, mission, post, cycle)
-        settings |= {"rounds": config.rounds, "tolerance": config.tolerance}
-        return consensus.solve(gains, mission.network, announced, solver, **settings)[-1].yaws, []
-    states = [
-        consensus.start(i, network.neighbours(mission.network, i), announced, gains[i], **settings, **_ROUNDS[solver])
-        for i in range(len(robots))
-    ]
-    residuals = []
-    for turn in range(config.rounds):
-        for state in states:
-            for j in state.neighbours:
-                post.send(state.robot, j, messages.Copies(state.robot, cycle, turn, state.copies), cycle)
-        inboxes = [{sender: m.offsets for sender, m in post.collect(state.robot)} for state in states]
-        states = [consensus.step(state, inbox) for state, inbox in zip(states, inboxes, strict=True)]
-        residuals.append(max(max(state.primal_residual, state.dual_residual) for state in states))
-        if residuals[-1] < config.tolerance:
-            break
-    return np.array([state.yaw for state in states]), residuals
+    gains, to_all = robot.choice.gains, solver_of(mission) in _ROUNDS
+    for k, row in enumerate(gains):
+        if k != robot.index and (to_all or row.max() > 0):
+            told = consensus.interpolate(row, [robot.plans[k].yaw])[0] if k in robot.plans else 0.0
+            best = best_yaw(row), float(row.max())
+            yield k, messages.Suggestion(robot.index, robot.cycle, k, *best, float(told), float(gains.max()))
 
 
-def _send_profiles(gains: np.ndarray, mission: Mission, post: messages.Mailbox, cycle: int) -> None:
-    for i, row in enumerate(gains):
-        for k in range(len(gains)):
-            if k != i:
-                levels, height = consensus.quantise(row[k])
-                post.relay(way(mission, i, k), messages.Profile(i, cycle, k, height, levels), cycle)
-                post.collect(k)
+def send_copies(robot: Robot, mission: Mission) -> Iterable[Letter]:
+    """T^(i) to the neighbours (Algorithm 1, line 11)."""
+    for sent in robot.choice.agreement.outbox:
+        yield sent.receiver, messages.Copies(robot.index, robot.cycle, sent.round, sent.offsets)
 
 
-def suggest(robots: list[Robot], gains: np.ndarray, mission: Mission, post: messages.Mailbox, cycle: int):
-    """Everyone's best view for every teammate, argmax f_ik, sent to it (Fig. 2b); a list of `SuggestionLog`."""
-    rows = []
-    for robot in robots:
-        largest = float(gains[robot.index].max())
-        for k in sorted(set(robot.plans) - {robot.index}):
-            row, yaw = gains[robot.index, k], best_yaw(gains[robot.index, k])
-            if row.max() > 0:
-                at_announced = consensus.interpolate(row, [robot.plans[k].yaw])[0]
-                note = messages.Suggestion(robot.index, cycle, k, yaw, float(row.max()), float(at_announced), largest)
-                post.relay(way(mission, robot.index, k), note, cycle)
-                rows.append(SuggestionLog(robot.index, k, yaw, float(row.max())))
-    for robot in robots:
-        post.collect(robot.index)
-    return rows
+def send_profiles(robot: Robot, mission: Mission) -> Iterable[Letter]:
+    """f_ik over all yaws, quantised, to every robot k."""
+    for k, row in enumerate(robot.choice.gains):
+        if k != robot.index:
+            levels, height = consensus.quantise(row)
+            yield k, messages.Profile(robot.index, robot.cycle, k, height, levels)
+
+
+def start(robot: Robot, mission: Mission, solver: consensus.CADMM) -> Robot:
+    """Before the first round of C-ADMM: its own copies and the first primal update (27)."""
+    choice, neighbours = robot.choice, network.neighbours(mission.network, robot.index)
+    announced = np.array([robot.plans[k].yaw if k in robot.plans else 0.0 for k in range(len(mission.network))])
+    announced[robot.index] = robot.announced
+    state = solver.start(robot.index, neighbours, announced, choice.gains, scale=choice.scale)
+    return robot.replace(choice=choice.replace(agreement=state, yaw=state.yaw))
+
+
+def step(robot: Robot, solver: consensus.CADMM) -> Robot:
+    """z (28), dual (29) and the next primal update from the copies that came in this round."""
+    choice = robot.choice
+    state = solver.step(choice.agreement, choice.copies)
+    return robot.replace(choice=choice.replace(agreement=state, copies={}, yaw=state.yaw))
+
+
+def take_best(robot: Robot) -> Robot:
+    """The yaw with the largest sum of its own gain and the profiles that came."""
+    choice, row = robot.choice, robot.choice.gains[robot.index].copy()
+    for said in choice.profiles:
+        row += consensus.restore(said.levels, said.height, len(row))
+    yaw = consensus.best_yaws(row[None], [robot.announced])[0]
+    return robot.replace(choice=choice.replace(yaw=float(yaw)))
+
+
+def agree(
+    robots: list[Robot], mission: Mission, mailbox: Mailbox, solver: str | None = None
+) -> tuple[list[Robot], list[float]]:
+    """Every robot with the yaw that it takes, `choice.yaw`, and the largest residual of each round.
+
+    solver: a name in `consensus.SOLVERS`; None: the one of the mission's strategy.
+
+    C-ADMM and the profile exchange really send their messages; a solver of another kind, such as the oracle, is handed
+    the tables of all. A real team would run all T_ADMM rounds or spend one bit a message on stopping; here the rounds
+    end when every robot's residuals are below the tolerance.
+    """
+    config, residuals, solver = mission.config, [], solver or solver_of(mission)
+    if solver in _ROUNDS:
+        rule = consensus.CADMM(config.penalty, config.penalty_growth, **_ROUNDS[solver])
+        robots = each(robots, start, mission, rule)
+        while len(residuals) < config.rounds and not (residuals and residuals[-1] < config.tolerance):
+            robots = each(exchange(robots, send_copies, mission, mailbox), step, rule)
+            states = [robot.choice.agreement for robot in robots]
+            residuals.append(max(max(state.primal_residual, state.dual_residual) for state in states))
+        return robots, residuals
+    if solver == "profile":
+        return each(exchange(robots, send_profiles, mission, mailbox), take_best), residuals
+    gains, announced = np.stack([r.choice.gains for r in robots]), [r.announced for r in robots]
+    settings = {"penalty": config.penalty, "growth": config.penalty_growth, "scale": consensus.scale_of(gains)}
+    settings |= {"rounds": config.rounds, "tolerance": config.tolerance}
+    yaws = consensus.solve(gains, mission.network, announced, solver, **settings)[-1].yaws
+    return [r.replace(choice=r.choice.replace(yaw=float(yaw))) for r, yaw in zip(robots, yaws, strict=True)], residuals

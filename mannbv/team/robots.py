@@ -1,52 +1,100 @@
 """What a robot has, and what stays the same through an episode."""
 
 import dataclasses
+import typing
 from dataclasses import dataclass, field
 
 import networkx as nx
 import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
-from mannbv import grid, information, messages, planner, risk, splats, world
+from mannbv import consensus, grid, information, messages, planner, risk, splats, world
+from mannbv.belief import Belief
 from mannbv.camera import Camera, Frame
 from mannbv.config import Config
 from mannbv.mapping import LocalMap
-from mannbv.objective import Belief
 from mannbv.splats import SplatMap
-
-_SCOUT = 128  # [px]; chosen here
 
 
 @dataclass(frozen=True)
 class Guests:
-    """Splats received from teammates, keyed by sender (n,) and id (n,): never fitted, never passed on."""
+    """Splats received from teammates, keyed by sender (n,) and id (n,): never fitted, never passed on.
+
+    sent (n, p): what their senders' views tell of them, as it came with them. seen (n, p): what the holder's own
+    keyframes tell of them, NaN until they are `met`.
+    """
 
     splats: SplatMap
-    senders: torch.Tensor
-    ids: torch.Tensor
-    prior: torch.Tensor
+    senders: Tensor
+    ids: Tensor
+    sent: Float[Tensor, "n p"]
+    seen: Float[Tensor, "n p"]
 
     @staticmethod
     def none(dim: int) -> "Guests":
         nobody = torch.zeros(0, dtype=torch.int64)
-        return Guests(SplatMap.empty(dim), nobody, nobody, torch.zeros(0, information.n_parameters(dim)))
+        nothing = torch.zeros(0, information.n_parameters(dim))
+        return Guests(SplatMap.empty(dim), nobody, nobody, nothing, nothing)
 
-    def _where(self, keep: torch.Tensor) -> "Guests":
-        return Guests(self.splats.select(keep), self.senders[keep], self.ids[keep], self.prior[keep])
+    @property
+    def prior(self) -> Float[Tensor, "n p"]:
+        """All that is known of them (n, p): what their senders and, once they are met, the holder have seen."""
+        return self.sent + torch.nan_to_num(self.seen)
 
     def received(self, message: messages.Splats) -> "Guests":
         """With a teammate's splats: a whole map replaces all of its earlier ones, a part those with the same ids."""
         theirs = self.senders == message.robot
         stale = theirs if message.whole else theirs & torch.isin(self.ids, message.ids.long())
-        kept = self._where(~stale)
-        senders = torch.full((message.splats.n_splats,), message.robot)
-        ids = message.ids.long()
-        return Guests(
-            splats.union(kept.splats, message.splats),
-            torch.cat([kept.senders, senders]),
-            torch.cat([kept.ids, ids]),
-            torch.cat([kept.prior, message.prior]),
-        )
+        columns = (self.senders, self.ids, self.sent, self.seen)
+        fresh = (
+            torch.full((message.splats.n_splats,), message.robot), message.ids.long(), message.prior,
+            torch.full_like(message.prior, torch.nan),
+        )  # fmt: skip
+        joined = (torch.cat([old[~stale], new]) for old, new in zip(columns, fresh, strict=True))
+        return Guests(splats.union(self.splats.select(~stale), message.splats), *joined)
+
+    def seen_in(self, frames: tuple[Frame, ...], own: SplatMap, camera: Camera, config: Config) -> "Guests":
+        """With what further keyframes of the holder tell of them; its own splats occlude."""
+        if not (frames and self.splats.n_splats):
+            return self
+        shown = information.prior(self.splats, camera, [f.pose for f in frames], others=own, **config.noise)
+        return dataclasses.replace(self, seen=self.seen + shown.to(self.seen))
+
+    def met(self, own: SplatMap, camera: Camera, frames: tuple[Frame, ...], config: Config) -> "Guests":
+        """With what the holder's keyframes tell of those that it has not looked for yet; its own splats occlude."""
+        new = torch.isnan(self.seen).any(1)
+        if not bool(new.any()):
+            return self
+        poses = [frame.pose for frame in frames]
+        others = splats.union(self.splats.select(~new), own)
+        told = information.prior(self.splats.select(new), camera, poses, others=others, **config.noise)
+        return dataclasses.replace(self, seen=self.seen.index_copy(0, torch.nonzero(new)[:, 0], told.to(self.seen)))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How a robot comes to its view in a cycle. gains (N, M): its F_i, of every robot's view on M uniform yaws.
+
+    suggestions: what teammates said of its view. profiles: their gains of it over all yaws, where a solver sends them.
+    agreement: its part in C-ADMM; copies: what neighbours sent in this round. yaw: the one that it takes [rad].
+    """
+
+    gains: Float[np.ndarray, "robots yaws"]
+    suggestions: tuple[messages.Suggestion, ...] = ()
+    profiles: tuple[messages.Profile, ...] = ()
+    agreement: consensus.Agreement | None = None
+    copies: dict[int, np.ndarray] = field(default_factory=dict)
+    yaw: float | None = None
+
+    def replace(self, **changes) -> "Choice":
+        return dataclasses.replace(self, **changes)
+
+    @property
+    def scale(self) -> float:
+        """The largest gain of the whole team, as far as it was told: everyone divides its objective by the same."""
+        return max([float(self.gains.max()), *(said.largest for said in self.suggestions)]) or 1.0
 
 
 @dataclass(frozen=True)
@@ -54,9 +102,10 @@ class Robot:
     """Everything one robot has: where it is, its private map, what it was sent, what it plans.
 
     position, goal (d,) [m]; yaw [rad]. frames: taken but not yet mapped. trail (k, d): where it has been [m].
-    plans: the announced plans, by robot, its own included; none of robots at their goals. heard: teammates' grids
-    (centralized only). tried: (x, y) [m] of subgoals already looked at. status: "moving", "reached" or "stuck";
+    grids: teammates' grounds (centralized only). plans: the announced plans, by robot, its own included; none of
+    robots at their goals. tried: (x, y) [m] of subgoals already looked at. status: "moving", "reached" or "stuck";
     stuck: cycles in a row without a route. collisions: steps that ended nearer to a true surface than its radius.
+    cycle: the one that it is in; choice: how it comes to its view there, None before and after.
     """
 
     index: int
@@ -68,13 +117,15 @@ class Robot:
     guests: Guests
     trail: np.ndarray
     frames: tuple[Frame, ...] = ()
-    heard: dict[int, grid.Occupancy] = field(default_factory=dict)
+    grids: dict[int, grid.Occupancy] = field(default_factory=dict)
     plans: dict[int, messages.Plan] = field(default_factory=dict)
     route: planner.Route | None = None
-    tried: tuple = ()
-    status: str = "moving"
+    tried: tuple[np.ndarray, ...] = ()
+    status: typing.Literal["moving", "reached", "stuck"] = "moving"
     stuck: int = 0
     collisions: int = 0
+    cycle: int = 0
+    choice: Choice | None = None
 
     def replace(self, **changes) -> "Robot":
         return dataclasses.replace(self, **changes)
@@ -91,7 +142,7 @@ class Robot:
         config, opaque splats tell of what stands where no depth has shown the ground; never of what is free.
         """
         both = splats.union(self.local.splats, self.guests.splats)
-        ground = self.ground.merged(*self.heard.values()).cropped(np.stack([self.position, self.goal]), 1.0)
+        ground = self.ground.merged(*self.grids.values()).cropped(np.stack([self.position, self.goal]), 1.0)
         if config is not None and config.block_opacity < 1:
             solid = risk.in_reach(both, self.position[2:], config) & (both.opacities > config.block_opacity)
             ground = ground.blocked(both.means[solid].numpy())
@@ -111,9 +162,10 @@ class Mission:
 
     @property
     def scout(self) -> Camera:
-        """The camera for looks that only carve the ground: the same view in at most `_SCOUT` pixels a side."""
-        width, height = (min(n, _SCOUT) for n in (self.config.image_width, self.config.image_height))
-        return Camera.of_dim(self.world.dim, width, height, self.config.fov)
+        """The camera for looks that only carve the ground: the same view in at most `scout_pixels` a side."""
+        config = self.config
+        width, height = (min(n, config.scout_pixels) for n in (config.image_width, config.image_height))
+        return Camera.of_dim(self.world.dim, width, height, config.fov)
 
     def rng(self, cycle: int, robot: int) -> np.random.Generator:
         """The generator of one robot in one cycle, so that a resumed run draws the same numbers."""

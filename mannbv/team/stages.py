@@ -14,36 +14,42 @@ from mannbv.team.robots import Guests, Mission, Robot
 
 def observe(robot: Robot, mission: Mission, cycle: int) -> Robot:
     """Map the frames taken on the last move, Eq. (2), and renew the information of all keyframes, Eqs. (3)-(5)."""
-    local, config, camera = robot.local, mission.config, mission.camera
-    noise = {"sigma_color": config.sigma_color, "sigma_depth": config.sigma_depth}
+    local, config, camera, guests = robot.local, mission.config, mission.camera, robot.guests
     rng = mission.rng(cycle, robot.index)
     for frame in robot.frames:
         local = mapping.observe(local, camera, frame, config, rng)
         if config.prior == "incremental":
-            told = information.fisher(local.splats, camera, frame.pose, **noise)
-            local = local.replace(prior=local.prior + told)
+            shown = information.fisher(local.splats, camera, frame.pose, **config.noise)
+            local = local.replace(prior=local.prior + shown)
     if robot.frames and config.prior == "recompute":
         poses = [frame.pose for frame in local.keyframes]
-        local = local.replace(prior=information.prior(local.splats, camera, poses, **noise))
-    return robot.replace(local=local, frames=())
+        local = local.replace(prior=information.prior(local.splats, camera, poses, **config.noise))
+    guests = guests.seen_in(robot.frames, local.splats, camera, config)
+    return robot.replace(cycle=cycle, local=local, guests=guests, frames=())
 
 
-def plan(robot: Robot, mission: Mission, cycle: int) -> Robot:
+def meet(robot: Robot, mission: Mission) -> Robot:
+    """Look up in the own keyframes what they tell of splats that have just been received."""
+    guests = robot.guests.met(robot.local.splats, mission.camera, robot.local.keyframes, mission.config)
+    return robot.replace(guests=guests)
+
+
+def plan(robot: Robot, mission: Mission) -> Robot:
     """A safe route towards the goal, and on it the next viewpoint with the yaw that is best for this robot alone."""
     config, camera = mission.config, mission.camera
     if robot.status == "reached":
         return robot.replace(route=None, plans={})
     belief = robot.belief(config)
-    arguments = belief.splats, belief.prior, belief.occupancy, camera, robot.position, robot.goal, config
+    arguments = belief, camera, robot.position, robot.goal, config
     route = planner.plan(*arguments, tried=robot.tried) or planner.plan(*arguments)
     if route is None:
-        here = messages.Plan(robot.index, cycle, robot.position, robot.yaw, robot.position[None])
+        here = messages.Plan(robot.index, robot.cycle, robot.position, robot.yaw, robot.position[None])
         return robot.replace(route=None, stuck=robot.stuck + 1, status="stuck", plans={robot.index: here})
     place = route.ahead(config.stride)[-1]
-    path = planner.thin(route.waypoints, 5 * config.cell)  # what is announced; chosen here
+    path = planner.thin(route.waypoints, config.path_spacing)
     profile = objective.served(belief, camera, place, path, config)
     yaw = robot.yaw if profile is None else profile.best
-    announced = messages.Plan(robot.index, cycle, place, yaw, path)
+    announced = messages.Plan(robot.index, robot.cycle, place, yaw, path)
     return robot.replace(route=route, stuck=0, status="moving", plans={robot.index: announced})
 
 
@@ -73,8 +79,8 @@ def look(robot: Robot, mission: Mission, rng: np.random.Generator) -> Robot:
     config, scout = mission.config, mission.scout
     frame = take(robot, scout, mission, rng)
     valid = frame.valid.reshape(-1)
-    # where nothing is in range the way is free; how far is told cautiously (chosen here)
-    depth = torch.where(valid, frame.depth.reshape(-1), config.max_depth / math.sqrt(2))
+    # where nothing is in range the way is free; how far is told cautiously
+    depth = torch.where(valid, frame.depth.reshape(-1), config.max_depth * config.free_share)
     ends = back_project(Frame(frame.color, depth, frame.pose), scout).numpy()
     floor = robot.position[2:] - config.camera_height
     body = *(floor + config.body_low), *(floor + config.body_high)  # nothing in flatland
@@ -82,15 +88,17 @@ def look(robot: Robot, mission: Mission, rng: np.random.Generator) -> Robot:
     return robot.replace(ground=carved(robot.position, ends, valid.numpy(), *body))
 
 
-def move(robot: Robot, yaw: float, mission: Mission, cycle: int) -> Robot:
-    """Follow the route to the viewpoint by steps and turns, looking all the way, then turn to the chosen yaw.
+def move(robot: Robot, mission: Mission, yaw: float | None = None) -> Robot:
+    """Follow the route to the viewpoint by steps and turns, looking all the way, then turn to the chosen yaw [rad].
 
     Two frames are kept for the map: on arrival, facing ahead (at a frontier: facing it), and the chosen view.
     The robot stops short where a surface it has just seen comes nearer than its radius.
     """
-    config, rng = mission.config, mission.rng(cycle, 1000 + robot.index)
+    config, rng = mission.config, mission.rng(robot.cycle, 1000 + robot.index)
+    if yaw is None:
+        yaw = robot.choice.yaw
     if robot.status == "reached":
-        return robot
+        return robot.replace(choice=None)
     arrived = False
     if robot.route is not None:
         path = robot.route.ahead(config.stride)
@@ -115,7 +123,7 @@ def move(robot: Robot, yaw: float, mission: Mission, cycle: int) -> Robot:
     robot = _turn(robot, yaw, mission, rng)
     frame = take(robot, mission.camera, mission, rng)
     status = "reached" if np.linalg.norm(robot.position - robot.goal) <= config.reach else robot.status
-    return robot.replace(frames=(*kept, frame), status=status)
+    return robot.replace(frames=(*kept, frame), status=status, choice=None)
 
 
 def _turn(robot: Robot, yaw: float, mission: Mission, rng: np.random.Generator) -> Robot:

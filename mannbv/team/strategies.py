@@ -1,18 +1,25 @@
-"""Share and evaluate: the two stages that a strategy replaces. The paper's four, and a place for a user's own."""
+"""What a strategy decides: the phases in which robots share, and how each evaluates; the paper's four and your own."""
 
+import inspect
 import math
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-import networkx as nx
 import numpy as np
 import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
 
-from mannbv import geometry, information, messages, network, objective
+from mannbv import consensus, geometry, messages, objective
+from mannbv.messages import Letter, Mailbox
+from mannbv.team.exchange import Hear, Phase, exchange, hear
 from mannbv.team.robots import Mission, Robot
 
+Evaluate = Callable[[Robot, Mission], np.ndarray]
 
-def serve(robot: Robot, mission: Mission) -> np.ndarray:
+
+def serve(robot: Robot, mission: Mission) -> Float[np.ndarray, "robots yaws"]:
     """F_i: gains (N, M) of every announced robot's view in this robot's map, Eqs. (23), (24); 0 for the unheard."""
     rows = np.zeros((len(mission.network), mission.config.n_yaws))
     known = sorted(robot.plans)
@@ -22,45 +29,36 @@ def serve(robot: Robot, mission: Mission) -> np.ndarray:
     return rows
 
 
-def serve_own(robot: Robot, mission: Mission) -> np.ndarray:
+def serve_own(robot: Robot, mission: Mission) -> Float[np.ndarray, "robots yaws"]:
     """Only this robot's own view in what it holds: all of the objective that it can weigh alone."""
     return serve(robot.replace(plans={k: v for k, v in robot.plans.items() if k == robot.index}), mission)
 
 
-def stay_silent(robots: list[Robot], mission: Mission, post: messages.Mailbox, cycle: int) -> list[Robot]:
-    """single: nothing is sent."""
-    return robots
+def announce(robot: Robot, mission: Mission) -> Iterable[Letter]:
+    """(T_i, P_i) to every teammate, relayed where the graph is not complete (Algorithm 1, line 5)."""
+    if robot.index in robot.plans:
+        yield None, robot.plans[robot.index]
 
 
-def share_plans(robots: list[Robot], mission: Mission, post: messages.Mailbox, cycle: int) -> list[Robot]:
-    """distributed: (T_i, P_i) to every teammate, relayed where the graph is not complete (Algorithm 1, line 5)."""
-    return _flood(robots, [robot.plans.get(robot.index) for robot in robots], mission, post, cycle)
+def send_guests(robot: Robot, mission: Mission) -> Iterable[Letter]:
+    """limited: to each teammate the splats in the view that it suggests to it."""
+    gains = serve(robot, mission)
+    for k in sorted(set(robot.plans) - {robot.index}):
+        yield k, view_cone(robot, mission, robot.plans[k].position, best_yaw(gains[k]))
 
 
-def share_guests(robots: list[Robot], mission: Mission, post: messages.Mailbox, cycle: int) -> list[Robot]:
-    """limited: plans as above, then every robot sends each teammate the splats in the view it suggests to it."""
-    robots = share_plans(robots, mission, post, cycle)
-    for robot in robots:
-        gains = serve(robot, mission)
-        for k in sorted(set(robot.plans) - {robot.index}):
-            guests = view_cone(robot, mission, robot.plans[k].position, best_yaw(gains[k]), cycle)
-            post.relay(way(mission, robot.index, k), guests, cycle)
-    return [_receive(robot, post) for robot in robots]
+def send_map(robot: Robot, mission: Mission) -> Iterable[Letter]:
+    """centralized: its map, so that everyone holds ⊔ G_i, Eq. (16); in 3-D but for what is too wide to be worth it."""
+    fit = robot.local.select(worth_sharing(robot, mission))
+    yield None, messages.Splats(robot.index, robot.cycle, fit.splats, fit.ids, fit.prior, whole=1)
 
 
-def share_maps(robots: list[Robot], mission: Mission, post: messages.Mailbox, cycle: int) -> list[Robot]:
-    """centralized: plans, maps and grids to every teammate, so that each holds ⊔ G_i, Eq. (16); in 3-D but for what is
-    too wide to be worth it."""
-    robots = share_plans(robots, mission, post, cycle)
-    fit = [r.local.select(worth_sharing(r, mission)) for r in robots]
-    whole = [
-        messages.Splats(r.index, cycle, m.splats, m.ids, m.prior, whole=1) for r, m in zip(robots, fit, strict=True)
-    ]
-    robots = _flood(robots, whole, mission, post, cycle)
-    return _flood(robots, [messages.Grid.of(r.index, cycle, r.ground) for r in robots], mission, post, cycle)
+def send_grid(robot: Robot, mission: Mission) -> Iterable[Letter]:
+    """centralized: what it knows of the ground."""
+    yield None, messages.Grid.of(robot.index, robot.cycle, robot.ground)
 
 
-def worth_sharing(robot: Robot, mission: Mission) -> torch.Tensor:
+def worth_sharing(robot: Robot, mission: Mission) -> Bool[Tensor, " n"]:
     """Which of its splats (n,) a robot sends: no wider than `share_scale`.
 
     What was seen from afar is wide. On the robot's own map it is all there is of a place; merged with a teammate's map,
@@ -70,7 +68,7 @@ def worth_sharing(robot: Robot, mission: Mission) -> torch.Tensor:
     return robot.local.splats.scales.amax(1) <= widest
 
 
-def view_cone(robot: Robot, mission: Mission, position: np.ndarray, yaw: float, cycle: int) -> messages.Splats:
+def view_cone(robot: Robot, mission: Mission, position: np.ndarray, yaw: float) -> messages.Splats:
     """This robot's splats in the view cone of a pose, the nearest first, at most `guest_splats`, with their prior."""
     camera, local = mission.camera, robot.local
     seen = geometry.yaw_pose(position, yaw).to(local.splats.means).local(local.splats.means)
@@ -80,62 +78,63 @@ def view_cone(robot: Robot, mission: Mission, position: np.ndarray, yaw: float, 
     order = torch.argsort(torch.linalg.norm(seen[rows], dim=1), stable=True)
     rows = rows[order[: mission.config.guest_splats]]
     part = local.splats.select(rows)
-    return messages.Splats(robot.index, cycle, part, local.ids[rows], local.prior[rows])
+    return messages.Splats(robot.index, robot.cycle, part, local.ids[rows], local.prior[rows])
 
 
-def best_yaw(gains: np.ndarray) -> float:
+def best_yaw(gains: Float[np.ndarray, " yaws"]) -> float:
     """argmax f over uniform yaws [rad]."""
-    return float(information.uniform_yaws(len(gains))[int(np.argmax(gains))])
-
-
-def _flood(robots: list[Robot], notes: list, mission: Mission, post: messages.Mailbox, cycle: int) -> list[Robot]:
-    """Every robot's note to all others, hop by hop; None where a robot has nothing to say."""
-    for hop in network.hops(mission.network):
-        for sender, receiver, origin in hop:
-            if notes[origin] is not None:
-                post.send(sender, receiver, notes[origin], cycle)
-        robots = [_receive(robot, post) for robot in robots]
-    return robots
-
-
-def way(mission: Mission, sender: int, receiver: int) -> list[int]:
-    """The robots that a message for one teammate passes, both ends included."""
-    return nx.shortest_path(mission.network, sender, receiver)
-
-
-def _receive(robot: Robot, post: messages.Mailbox) -> Robot:
-    for _, message in post.collect(robot.index):
-        if isinstance(message, messages.Plan):
-            robot = robot.replace(plans={**robot.plans, message.robot: message})
-        elif isinstance(message, messages.Splats):
-            robot = robot.replace(guests=robot.guests.received(message))
-        elif isinstance(message, messages.Grid):
-            robot = robot.replace(heard={**robot.heard, message.robot: message.occupancy})
-    return robot
+    return float(consensus.grid(len(gains))[int(np.argmax(gains))])
 
 
 class Strategy(NamedTuple):
-    """share(robots, mission, post, cycle) → robots; evaluate(robot, mission) → gains (N, M); solver None: config's."""
+    """phases: what is shared, in turn; evaluate(robot, mission) → gains (N, M); solver None: the config's."""
 
-    share: Callable
-    evaluate: Callable
+    phases: tuple[Phase, ...]
+    evaluate: Evaluate
     solver: str | None
+    hear: Hear = hear
+    all_at_once: Callable | None = None  # the form before there were phases: (robots, mission, mailbox, cycle) → robots
+
+
+def share(robots: list[Robot], mission: Mission, mailbox: Mailbox, strategy: Strategy) -> list[Robot]:
+    """Every robot after the phases of a strategy (Algorithm 1, lines 4-5)."""
+    if strategy.all_at_once:
+        robots = strategy.all_at_once(robots, mission, mailbox, robots[0].cycle)
+    for phase in strategy.phases:
+        robots = exchange(robots, phase, mission, mailbox, strategy.hear)
+    return robots
 
 
 REGISTRY: dict[str, Strategy] = {
-    "centralized": Strategy(share_maps, serve_own, "own"),  # (18) is separable: each takes its own best on ⊔ G_i
-    "distributed": Strategy(share_plans, serve, None),
-    "limited": Strategy(share_guests, serve, None),
-    "single": Strategy(stay_silent, serve_own, "own"),
+    # (18) is separable: each takes its own best on ⊔ G_i
+    "centralized": Strategy((announce, send_map, send_grid), serve_own, "own"),
+    "distributed": Strategy((announce,), serve, None),
+    "limited": Strategy((announce, send_guests), serve, None),
+    "single": Strategy((), serve_own, "own"),
 }
 STRATEGIES = tuple(REGISTRY)
 
 
-def register(name: str, share: Callable, evaluate: Callable, solver: str | None = None) -> None:
-    """Add a strategy under a name that `episode.run` and the command line then understand (see `Strategy`).
+def solver_of(mission: Mission) -> str:
+    """By which solver its robots agree."""
+    return REGISTRY[mission.strategy].solver or mission.config.solver
 
-    Raises ValueError if the name is one of the paper's four.
+
+def register(
+    name: str, phases: Phase | Sequence[Phase], evaluate: Evaluate, solver: str | None = None, hear: Hear = hear
+) -> None:
+    """Add a strategy under a name that `episode.run` and the command line then understand.
+
+    phases: one function or several, phase(robot, mission) → pairs of a receiver's number, or None for everybody, and a
+    message. evaluate(robot, mission) → gains (N, M) of every robot's view on the M uniform yaws, such as `serve`.
+    solver: a name in `consensus.SOLVERS`; None: the config's. hear(robot, message) → robot: what a robot makes of a
+    message, by default as the paper's strategies do. Raises ValueError if the name is one of the paper's four.
     """
     if name in STRATEGIES:
         raise ValueError(f"team: '{name}' is one of the paper's strategies; choose another name")
-    REGISTRY[name] = Strategy(share, evaluate, solver)
+    if callable(phases) and len(inspect.signature(phases).parameters) == 4:
+        text = f"team: '{name}' shares in the old form, which sees all robots; write it as phases (see register)"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        REGISTRY[name] = Strategy((), evaluate, solver, hear, phases)
+        return
+    REGISTRY[name] = Strategy((phases,) if callable(phases) else tuple(phases), evaluate, solver, hear)

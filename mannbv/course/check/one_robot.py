@@ -139,13 +139,13 @@ def policy(mine: Callable) -> SimpleNamespace:
     robot = team.start(0, flat.starts[0, :2], float(flat.starts[0, 2]), flat.goals[0], mission)
     seen = SimpleNamespace(wanted=(1, config.n_yaws))
     for number in range(config.max_cycles):
-        robot = team.plan(team.observe(robot, mission, number), mission, number)
+        robot = team.plan(team.observe(robot, mission, number), mission)
         seen.gains = plain(ask(mine, robot, mission))
         seen.shape = seen.gains.shape
         if seen.shape != seen.wanted or not np.isfinite(seen.gains).all() or np.ptp(seen.gains) == 0:
             return seen  # nothing to choose by
         yaw = geometry.wrap(-math.pi + 2 * math.pi * int(np.argmax(seen.gains)) / config.n_yaws)
-        robot = team.move(robot, yaw, mission, number)
+        robot = team.move(robot, mission, yaw)
         if robot.status == "reached":
             break
     reachable = flat.ground.reachable_free(config.cell, config.robot_radius, flat.starts[0])

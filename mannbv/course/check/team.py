@@ -44,7 +44,8 @@ def _sent(graph: nx.Graph) -> int:
     n, mailbox = len(graph), messages.Mailbox(network=graph)
     gains = np.random.default_rng(0).random((n, n, 72))
     robots = _robots(np.zeros((n, 2)), np.zeros((0, 2)))
-    _, rounds = team.agree(robots, gains, _mission(graph), mailbox, 0, "cadmm")
+    robots = [robot.replace(choice=team.Choice(gains[robot.index])) for robot in robots]
+    _, rounds = team.agree(robots, _mission(graph), mailbox, "cadmm")
     return mailbox.ledger.messages() // len(rounds)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from mannbv import geometry, grid, information, objective
+from mannbv.belief import Belief
 from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.course.widgets import items
@@ -15,7 +16,6 @@ from mannbv.course.widgets.settings import Choice, Point, Turn
 from mannbv.kernels.flat import rays
 from mannbv.lab import draw
 from mannbv.lab.draw.canvas import INK, PALE
-from mannbv.objective import Belief
 from mannbv.splats import SplatMap
 
 _LOW, _HIGH = (-3.0, -2.6), (3.0, 2.6)  # [m]
@@ -94,7 +94,7 @@ def _compared(other, turned, viewer, jointly, shared, own):
     Eq. (21) and Eq. (18) as `objective.lower_bound` has them, which says their sums only.
     """
     beliefs, everything = _team(other, turned)
-    common = objective.pooled(beliefs).occupancy
+    common = objective.pooled(beliefs).ground
     local = beliefs if own else [Belief(b.splats, b.prior, common) for b in beliefs]
     central = [Belief(b.splats, p) for b, p in zip(beliefs, everything, strict=True)] if shared else beliefs
     path = np.linspace(viewer, _GOAL, 6)

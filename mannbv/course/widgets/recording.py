@@ -100,7 +100,7 @@ def _without_map(robot: Robot) -> Robot:
     dim = robot.local.splats.dim
     local, ground = LocalMap.empty(dim, information.n_parameters(dim)), robot.ground
     ground = Occupancy(ground.lattice, np.sign(ground.log_odds))
-    return robot.replace(local=local, guests=Guests.none(dim), frames=(), heard={}, ground=ground)
+    return robot.replace(local=local, guests=Guests.none(dim), frames=(), grids={}, ground=ground)
 
 
 def _rounded(value):

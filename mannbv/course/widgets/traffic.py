@@ -1,6 +1,7 @@
 """What crosses every link of a team in one planning cycle, in really encoded bytes."""
 
 import functools
+from collections.abc import Callable, Iterable
 
 import networkx as nx
 import numpy as np
@@ -15,43 +16,84 @@ _GUESTS, _CELL = Config().guest_splats, Config().cell
 _UNITS = {0: "B", 3: "kB", 6: "MB", 9: "GB"}
 
 
+class _Scales(wire.Mailbox):
+    """A mailbox that knows what each kind of message weighs [B]: what crosses here is made up, its size is not."""
+
+    def __init__(self, graph: nx.Graph, sizes: dict[type, Callable[[wire.Message], int]]):
+        super().__init__(network=graph)
+        self._sizes = sizes
+
+    def carried(self, message: wire.Message) -> tuple[int, wire.Message]:
+        return self._sizes[type(message)](message), message
+
+
 def cycle_ledger(strategy: str, graph: str, robots, splats, rounds, waypoints, codec: str) -> wire.Ledger:
     """Every message of a planning cycle [B], as the strategies of `team` send them, on the links of a graph.
 
     Plans and grids are of the ground, splats of space, with ids and prior; what they say is made up, and encoded once.
     """
-    ledger, (to_all, to_one, links) = wire.Ledger(), _ways(graph, robots)
+    links = network.build(graph, robots)
+    mailbox = _Scales(links, {
+        wire.Plan: lambda said: _plan_sizes(robots, waypoints, codec)[said.robot],
+        wire.Splats: lambda said: _splats_size(splats if said.whole else min(splats, _GUESTS), codec),
+        wire.Grid: lambda said: _grid_size(codec),
+        wire.Suggestion: lambda said: _answer_size(codec),
+        wire.Copies: lambda said: _copies_sizes(robots, said.round, codec)[said.robot],
+    })  # fmt: skip
 
-    def everyone(kind: str, sizes) -> None:
-        for sender, receiver, origin in to_all:
-            ledger.sent(sender, receiver, kind, 0, sizes[origin], origin)
+    def say(message: Callable[[int], wire.Message], receivers: Callable[[int], Iterable[int | None]]) -> None:
+        mailbox.deliver({i: [(k, message(i)) for k in receivers(i)] for i in range(robots)}, links)
 
-    def letters(kind: str, n_bytes) -> None:
-        for sender, receiver, origin in to_one:
-            ledger.sent(sender, receiver, kind, 0, n_bytes, origin)
+    def everyone(_: int) -> list[None]:
+        return [None]
 
-    everyone("Plan", _plan_sizes(robots, waypoints, codec))
+    def each_other(i: int) -> list[int]:
+        return [k for k in range(robots) if k != i]
+
+    say(_plan, everyone)
     if strategy == "centralized":
-        everyone("Splats", [_splats_size(splats, codec)] * robots)
-        everyone("Grid", [_grid_size(codec)] * robots)
-        return ledger
+        say(_whole_map, everyone)
+        say(_grid, everyone)
+        return mailbox.ledger
     if strategy == "limited":
-        letters("Splats", _splats_size(min(splats, _GUESTS), codec))
-    letters("Suggestion", _answer_size(codec))
-    for sizes in (_copies_sizes(robots, turn, codec) for turn in range(rounds)):
-        for sender, receiver in links:
-            ledger.sent(sender, receiver, "Copies", 0, sizes[sender])
-    return ledger
+        say(_guests, each_other)
+    say(_answer, each_other)
+    for turn in range(rounds):
+        say(functools.partial(_copies, turn=turn), lambda i: network.neighbours(links, i))
+    return mailbox.ledger
 
 
-@functools.lru_cache(64)
-def _ways(name: str, robots: int):
-    """(sender, receiver, origin) of news to all and of a letter to each teammate; (sender, receiver) on every link."""
-    graph = network.build(name, robots)
-    pairs = [(i, k) for i in range(robots) for k in range(robots) if i != k]
-    hops = [(*step, i) for i, k in pairs for step in nx.utils.pairwise(nx.shortest_path(graph, i, k))]
-    links = [(i, k) for i in range(robots) for k in network.neighbours(graph, i)]
-    return [step for hop in network.hops(graph) for step in hop], hops, links
+# what is said, in short: `_Scales` knows what it would weigh at length
+
+
+@functools.cache
+def _plan(i: int) -> wire.Plan:
+    return wire.Plan(i, 0, np.zeros(2), 0.0, np.zeros((1, 2)))
+
+
+@functools.cache
+def _whole_map(i: int) -> wire.Splats:
+    return wire.Splats(i, 0, SplatMap.empty(3), whole=1)
+
+
+@functools.cache
+def _guests(i: int) -> wire.Splats:
+    return wire.Splats(i, 0, SplatMap.empty(3))
+
+
+@functools.cache
+def _grid(i: int) -> wire.Grid:
+    return wire.Grid(i, 0, np.zeros(2), _CELL, np.zeros((0, 0)))
+
+
+@functools.cache
+def _answer(i: int) -> wire.Suggestion:
+    return wire.Suggestion(i, 0, 0, 0.0, 0.0, 0.0)
+
+
+@functools.lru_cache(2048)
+def _copies(i: int, turn: int) -> wire.Copies:
+    return wire.Copies(i, 0, turn, np.zeros(0))
 
 
 @functools.lru_cache(256)

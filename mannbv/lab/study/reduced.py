@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from mannbv import geometry, grid, information, mapping, objective
+from mannbv.belief import Belief
 from mannbv.camera import Camera, Frame
 from mannbv.config import Config
 from mannbv.episode import Record
@@ -15,7 +16,6 @@ from mannbv.lab.study.resampling import Estimate, bootstrap, pearson, ranks, wei
 from mannbv.lab.study.results import StudyError
 from mannbv.lab.study.summary import per_seed
 from mannbv.mapping import LocalMap
-from mannbv.objective import Belief
 from mannbv.team import RobotLog
 from mannbv.world import World
 
@@ -214,7 +214,7 @@ class _Replay:
     def of(record: Record, number: int, flat_world: World, flat_config: Config) -> "_Replay":
         robot = record.robots[number]
         return _Replay(
-            record.logs(number), list(robot.local.keyframes), robot.belief().occupancy, [record.seed, number],
+            record.logs(number), list(robot.local.keyframes), robot.belief().ground, [record.seed, number],
             flat_world,
             _Mapper(robot.local.splats.dim, record.config),
             _Mapper(flat_world.dim, flat_config.replace(n_yaws=record.config.n_yaws)),

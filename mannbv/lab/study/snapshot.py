@@ -6,9 +6,10 @@ import numpy as np
 import torch
 
 from mannbv import grid, objective, planner, risk
+from mannbv.belief import Belief
 from mannbv.config import Config
 from mannbv.episode import Record
-from mannbv.objective import Belief, Zone
+from mannbv.objective import Zone
 from mannbv.team import CycleLog, Robot
 
 
@@ -84,7 +85,7 @@ def _robot_snapshot(robot: Robot, log: CycleLog, config: Config) -> RobotSnapsho
 
 def ground_risk(belief: Belief, config: Config, rest=()) -> np.ndarray:
     """α (nx, ny) [m] of the known free cells, Eq. (9), nan elsewhere; rest: the coordinates above the ground."""
-    occupancy = belief.occupancy
+    occupancy = belief.ground
     free = occupancy.state == grid.FREE
     points = planner.raised(occupancy.lattice.centers(np.argwhere(free)), rest)
     alpha = np.full(free.shape, np.nan)

@@ -75,7 +75,7 @@ def _mask(ax: Axes, robot: RobotSnapshot, record: Record, window: Window) -> Sca
     """A planned path, its balls, and its splats coloured by weight over all others in grey."""
     zone, splat_map, config = robot.zone, robot.belief.splats, record.config
     scale = ScalarMappable(Normalize(0.0, config.gamma1), mpl.colormaps["viridis"])
-    parts.ground(ax, robot.belief.occupancy)
+    parts.ground(ax, robot.belief.ground)
     parts.zone(ax, robot.path, zone.radii, robot_color(robot.index))
     shown = risk.in_reach(splat_map, robot.position[2:], config)
     others = page.painted(splat_map.select(~zone.selected), PALE)
