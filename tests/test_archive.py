@@ -332,9 +332,9 @@ def test_a_record_of_an_earlier_version_is_read_bit_for_bit(tmp_path):
     for k, robot in enumerate(record.robots):
         small = json.loads(bytes(arrays[f"{k}/small"]))
         assert (robot.index, robot.yaw, robot.status) == (k, small["yaw"], small["status"])
-        assert set(robot.heard) == {1 - k} and robot.guests.splats.n_splats and robot.local.moments is not None
+        assert set(robot.grids) == {1 - k} and robot.guests.splats.n_splats and robot.local.moments is not None
         pairs = {"position": robot.position, "goal": robot.goal, "trail": robot.trail, "ground": robot.ground.log_odds}
-        pairs |= {f"heard_{1 - k}": robot.heard[1 - k].log_odds, "own_ids": robot.local.ids}
+        pairs |= {f"heard_{1 - k}": robot.grids[1 - k].log_odds, "own_ids": robot.local.ids}
         pairs |= {"own_prior": robot.local.prior, "own_moments_second": robot.local.moments.second}
         pairs |= {"guest_ids": robot.guests.ids, "guest_senders": robot.guests.senders}
         pairs |= {f"own_{f.name}": getattr(robot.local.splats, f.name) for f in dataclasses.fields(SplatMap)}

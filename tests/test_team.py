@@ -277,7 +277,7 @@ def test_robots_that_are_bytes_between_any_two_phases_come_to_the_same_bits(plac
         for number in range(2):
             now, log = team.cycle(now, mission, mailbox, number)
             logs.append(dataclasses.replace(log, seconds=team.Seconds()))
-        return [record._pack(robot) for robot in now], logs, mailbox.ledger.rows
+        return [record.to_arrays(robot) for robot in now], logs, mailbox.ledger.rows
 
     whole, phases = two_cycles(), []
 
