@@ -353,9 +353,13 @@ def test_an_earlier_record_saved_again_holds_the_same_arrays(tmp_path):
     episode.load(OLD).save(tmp_path / "again.npz")
     ours = archive.read(tmp_path / "again.npz")
     with np.load(OLD) as file:
-        assert set(file.files) - set(ours) <= {"0/frame_count", "1/frame_count"}
-        assert set(ours) <= set(file.files)
-        for name in set(ours) - {"about", "0/small", "1/small"}:
+        assert set(file.files) - set(ours) <= {f"{k}/{name}" for k in (0, 1) for name in ("frame_count", "guest_prior")}
+        assert set(ours) - set(file.files) == {f"{k}/{name}" for k in (0, 1) for name in ("guest_sent", "guest_seen")}
+        for k in (0, 1):  # what the holder had seen of its guests was not looked up then
+            assert (
+                np.array_equal(ours[f"{k}/guest_sent"], file[f"{k}/guest_prior"]) and not ours[f"{k}/guest_seen"].any()
+            )
+        for name in set(ours) & set(file.files) - {"about", "0/small", "1/small"}:
             assert np.array_equal(ours[name], file[name]) and ours[name].dtype == file[name].dtype, name
 
 
