@@ -5,6 +5,7 @@ import dataclasses
 import json
 import math
 import os
+import re
 import typing
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -16,6 +17,9 @@ import numpy as np
 _TRUSTED = 2**30  # [B] to which any archive may unpack; a larger one to `_RATIO` times its own size, no more
 _RATIO = 100
 _KINDS = "biufU"  # of arrays: truth, numbers and text
+_HEADER = re.compile(
+    rb"\{'descr': '([<>|=][%b]\d+)', 'fortran_order': (True|False), 'shape': \(([\d, ]*)\),? *\}\s*" % _KINDS.encode()
+)
 
 
 class ArchiveError(ValueError):
@@ -84,22 +88,25 @@ def read(path) -> Arrays:
             if size > max(_TRUSTED, _RATIO * path.stat().st_size):
                 raise ValueError(f"{path.stat().st_size:,} B would unpack to {size:,} B")
             return Arrays((member.filename.removesuffix(".npy"), _array(file, member)) for member in file.infolist())
-    except Exception as error:  # of zipfile, its decompressors and numpy's parser of headers
+    except MemoryError:  # honest, but too large for this machine
+        raise
+    except Exception as error:  # of zipfile, its decompressors and numpy
         fault = " ".join(str(error).split()) or type(error).__name__
         raise ArchiveError(f"no sound .npz archive ({fault})") from None
 
 
 def _array(file: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+    name = member.filename
     with file.open(member) as data:
-        old = np.lib.format.read_magic(data) == (1, 0)
-        header = np.lib.format.read_array_header_1_0 if old else np.lib.format.read_array_header_2_0
-        shape, fortran, dtype = header(data)
-        if dtype.kind not in _KINDS:
-            raise ValueError(f"{member.filename} holds {dtype}, neither numbers nor text")
+        length = 2 if np.lib.format.read_magic(data) == (1, 0) else 4
+        header = _HEADER.fullmatch(data.read(int.from_bytes(data.read(length), "little")))
+        if header is None:
+            raise ValueError(f"{name} holds neither numbers nor text")
+        dtype, shape = np.dtype(header[1].decode()), [int(n) for n in re.findall(rb"\d+", header[3])]
         room = member.file_size - data.tell()
         if math.prod(shape) * dtype.itemsize != room:
-            raise ValueError(f"{member.filename} promises {shape} of {dtype}, there is room for {room:,} B")
-        values = np.frombuffer(bytearray(data.read()), dtype).reshape(shape, order="F" if fortran else "C")
+            raise ValueError(f"{name} promises {shape} of {dtype}, there is room for {room:,} B")
+        values = np.frombuffer(bytearray(data.read()), dtype).reshape(shape, order="F" if header[2] == b"True" else "C")
     return values.astype(dtype.newbyteorder("="), copy=False)
 
 
@@ -116,14 +123,15 @@ def pack(record, prefix: str = "") -> dict[str, np.ndarray]:
     return arrays
 
 
-def unpack(kind: type, arrays: Mapping[str, np.ndarray], prefix: str = ""):
+def unpack(kind: type, arrays: Mapping[str, np.ndarray], prefix: str = "", row=...):
     """The inverse of `pack`: a record of that kind. Raises ArchiveError or KeyError where an array is missing."""
     import torch  # not above: a command that only writes a table need not wait for it
 
-    return kind(*(
-        unpack(part, arrays, prefix) if dataclasses.is_dataclass(part) else torch.from_numpy(arrays[prefix + name])
-        for name, part in typing.get_type_hints(kind).items()
-    ))  # fmt: skip
+    values = []
+    for name, part in typing.get_type_hints(kind).items():
+        inside = dataclasses.is_dataclass(part)
+        values.append(unpack(part, arrays, prefix, row) if inside else torch.from_numpy(arrays[prefix + name][row]))
+    return kind(*values)
 
 
 def stack(records: Iterable, prefix: str = "") -> dict[str, np.ndarray]:
@@ -134,16 +142,10 @@ def stack(records: Iterable, prefix: str = "") -> dict[str, np.ndarray]:
 
 def unstack(kind: type, arrays: Mapping[str, np.ndarray], prefix: str = "") -> tuple:
     """The inverse of `stack`. Raises ValueError for arrays of several lengths, else as `unpack`."""
-    names = list(_leaves(kind))
-    if prefix + names[0] not in arrays:
-        return ()
-    rows = zip(*(arrays[prefix + name] for name in names), strict=True)
-    return tuple(unpack(kind, dict(zip(names, row, strict=True))) for row in rows)
-
-
-def _leaves(kind: type) -> Iterator[str]:
-    for name, part in typing.get_type_hints(kind).items():
-        yield from _leaves(part) if dataclasses.is_dataclass(part) else [name]
+    counts = {len(values) for name, values in arrays.items() if name.startswith(prefix) and values.ndim}
+    if len(counts) > 1:
+        raise ValueError(f"{prefix}… have {' and '.join(map(str, sorted(counts)))} rows")
+    return tuple(unpack(kind, arrays, prefix, row) for row in range(max(counts, default=0)))
 
 
 # ---- JSON -----------------------------------------------------------------------------------------------------------

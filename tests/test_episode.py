@@ -115,39 +115,14 @@ def test_bad_requests_are_named_in_one_line(change, words, unchecked):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("fault", ["missing", "empty", "truncated", "pickle", "other run", "text"])
-def test_bad_records_are_named_and_nothing_in_them_runs(tmp_path, fault):
+@pytest.mark.parametrize("fault", ["missing", "other run"])
+def test_bad_records_are_named(tmp_path, fault):
     path = tmp_path / "run.npz"
-    config = SMALL.replace(max_cycles=0)
-    if fault != "missing":
-        episode.run("flat", "single", config, n_robots=1, path=path)
-    whole = path.read_bytes() if path.exists() else b""
-    if fault == "empty":
-        path.write_bytes(b"")
-    if fault == "truncated":
-        path.write_bytes(whole[: len(whole) // 2])
-    if fault == "text":
-        path.write_text("not a record")
-    if fault == "pickle":
-        np.savez(path, about=np.array([print], dtype=object))
+    if fault == "other run":
+        episode.run("flat", "single", SMALL.replace(max_cycles=0), n_robots=1, path=path)
     with pytest.raises(episode.RecordError) as caught:
-        episode.load(path) if fault != "other run" else episode.run("flat", "single", config, 1, 1, path)
+        episode.load(path) if fault == "missing" else episode.run("flat", "single", SMALL, 1, 1, path)
     assert "run.npz" in str(caught.value) and "\n" not in str(caught.value)
-
-
-def test_a_save_that_dies_half_way_leaves_the_old_record_whole(tmp_path, monkeypatch):
-    path = tmp_path / "run.npz"
-    record = episode.run("flat", "single", SMALL.replace(max_cycles=0), n_robots=1, path=path)
-
-    def die(file, **arrays):
-        file.write(b"half")
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(np, "savez_compressed", die)
-    with pytest.raises(KeyboardInterrupt):
-        record.save(path)
-    assert without_times(episode.load(path)) == without_times(record)
-    assert [file.name for file in tmp_path.iterdir()] == ["run.npz"]
 
 
 def test_an_unreachable_goal_is_refused_before_anything_runs(place_with_island):

@@ -1,7 +1,6 @@
 """Mapping in both dimensions by the same laws: growth, memory, files; a furnished room; a real sequence."""
 
 import dataclasses
-import io
 import itertools
 import math
 from pathlib import Path
@@ -221,19 +220,13 @@ def test_what_is_no_local_map_is_refused(tmp_path):
     with pytest.raises(splats.FormatError, match="no such file"):
         mapping.load(path)
     arrays = mapping.to_arrays(mapped(2, walk(2, 1), SPACE.replace(fit_steps=1)))
-    whole = io.BytesIO()
-    np.savez(whole, **arrays)
     broken = {
-        "not a zip file": whole.getvalue()[:-400],
         "prior": {name: part for name, part in arrays.items() if name != "prior"},
         "rows beside": arrays | {"ids": arrays["ids"][1:]},
-        "ids.npy holds object": arrays | {"ids": np.array([{}], object)},
+        "have 0 and 1 rows": arrays | {"keyframe_depth": arrays["keyframe_depth"][1:]},
     }
     for message, content in broken.items():
-        if isinstance(content, bytes):
-            path.write_bytes(content)
-        else:
-            np.savez(path, **content)
+        np.savez(path, **content)
         with pytest.raises(splats.FormatError, match=message) as error:
             mapping.load(path)
         assert str(path) in str(error.value) and "\n" not in str(error.value)
