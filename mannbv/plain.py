@@ -5,10 +5,11 @@ A dataclass is an object, a named tuple a list, a tuple a list, and a number tha
 
 import dataclasses
 import functools
-import math
 import types
 import typing
 from typing import TypeVar
+
+from mannbv import archive
 
 _Record = TypeVar("_Record", bound="Plain")
 _NUMBERS = {float: (int, float), int: int, str: str, bool: bool}
@@ -33,7 +34,7 @@ def _dump(value):
         return {field.name: _dump(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, tuple):
         return [_dump(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return archive.plain(value)
 
 
 _hints = functools.cache(typing.get_type_hints)

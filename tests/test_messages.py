@@ -169,7 +169,7 @@ SPLATS["prior"] = {"shape": [0, 0], "base64": ""}
         (as_json(**GOOD | {"offsets": [0.0, "1"]}), "offsets must be numbers along 1 axes"),
         (as_json(**GOOD | {"offsets": [[0.0]]}), "along 1 axes"),
         (as_json(**GOOD | {"offsets": [[0.0], 1.0]}), "no message"),
-        (as_json(**GOOD | {"offsets": [float("nan")]}), "NaN is no number"),
+        (as_json(**GOOD | {"offsets": [float("nan")]}), "NaN is no finite number"),
         (json.dumps(GOOD).replace("[0.0]", "[1e999]").encode(), "finite"),
         (as_json(**SPLATS, splats={"shape": [0, 11], "base64": ""}), "10 or 14 numbers, got 11"),
         (as_json(**SPLATS, splats={"shape": [10**9, 14], "base64": "AAAA"}), "does not fit 3 B"),

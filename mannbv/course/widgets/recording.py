@@ -82,8 +82,7 @@ class Recording:
             state = np.where(known, np.where(solid, OCCUPIED, 0), UNKNOWN).astype(np.int8)
             return Recording(state, views, arrays["psnr"])
         except (OSError, ValueError, TypeError, Image.DecompressionBombError) as error:
-            fault = " ".join(str(error).split())
-            raise ValueError(f"{path}: no recording ({fault}); make it anew with tools/records.py") from None
+            raise ValueError(f"{path}: no recording ({error}); make it anew with tools/records.py") from None
 
 
 def without_maps(record: Record) -> Record:
