@@ -91,7 +91,7 @@ def read(path) -> Arrays:
         raise
     except Exception as error:  # of zipfile, its decompressors and numpy
         fault = " ".join(str(error).split()) or type(error).__name__
-        raise ArchiveError(f"no sound .npz archive ({fault})") from None
+        raise ArchiveError(f"not a whole .npz archive ({fault})") from None
 
 
 def _array(file: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:

@@ -164,7 +164,7 @@ def _load_npz(path: Path) -> dict[str, np.ndarray]:
         arrays = archive.read(path)
         fields = {f.name: arrays[f.name] for f in dataclasses.fields(SplatMap)}
     except archive.ArchiveError as error:
-        raise FormatError(f"{path}: {error}; copy it again, or save the map with splats.save") from None
+        raise FormatError(f"{path}: {error}; copy or save it again") from None
     for name, values in fields.items():
         if values.dtype.kind != "f":
             raise FormatError(f"{path}: {name} must hold floating-point numbers, got {values.dtype}; save it again")
