@@ -1,7 +1,6 @@
 """Exercises of notebook 12: messages in a round, the bytes of an ideal exchange, a strategy for weak radios."""
 
 import functools
-import math
 from collections.abc import Callable
 from types import SimpleNamespace
 
@@ -14,37 +13,30 @@ from mannbv.config import Config
 from mannbv.course.check.verdict import AGREES, Fault, ask, exercise, judged
 
 
+def _robots(n: int, planning: int = 0) -> list[team.Robot]:
+    """Robots with empty maps, the first `planning` of them with plans; robot 1 has heard of robot 0's already."""
+    ground = grid.Occupancy.unknown(grid.Lattice((0.0, 0.0), 0.1, (4, 4)))
+    local, nobody = mapping.LocalMap.empty(2, information.n_parameters(2)), team.Guests.none(2)
+    places = np.stack([np.arange(float(n)), np.zeros(n)], 1)
+    plans = [messages.Plan(k, 0, places[k] + 1.0, 0.1, places[k : k + 1].astype(np.float32)) for k in range(planning)]
+    heard = [{k: plans[k], **({0: plans[0]} if k == 1 else {})} if k < planning else {} for k in range(n)]
+    return [
+        team.Robot(k, places[k], 0.0, places[k], local, ground, nobody, places[:1], plans=heard[k]) for k in range(n)
+    ]
+
+
 @functools.cache
-def _flat() -> world.World:
-    return world.load("flat")
-
-
 def _mission(graph: nx.Graph) -> team.Mission:
     config = Config(rounds=2)  # every round sends the same
     camera = Camera.of_dim(2, config.image_width, config.image_height, config.fov)
-    return team.Mission(_flat(), camera, config, graph, "distributed", seed=0)
-
-
-def _robots(places: np.ndarray, views: np.ndarray) -> list[team.Robot]:
-    """Robots with empty maps at places (n, 2) [m]; the first ones have plans, for views (m, 2)."""
-    ground = grid.Occupancy.unknown(grid.Lattice((0.0, 0.0), 0.1, (4, 4)))
-    local = mapping.LocalMap.empty(2, information.n_parameters(2))
-    robots = []
-    for k, place in enumerate(places):
-        robot = team.Robot(k, place, 0.0, place + 1.0, local, ground, team.Guests.none(2), place[None])
-        if k < len(views):
-            path = np.stack([place, views[k]]).astype(np.float32)
-            robot = robot.replace(plans={k: messages.Plan(k, 0, views[k], 0.1 * k, path)})
-        robots.append(robot)
-    return robots
+    return team.Mission(world.load("flat"), camera, config, graph, "distributed", seed=0)
 
 
 @functools.cache
 def _sent(graph: nx.Graph) -> int:
     n, mailbox = len(graph), messages.Mailbox(network=graph)
     gains = np.random.default_rng(0).random((n, n, 72))
-    robots = _robots(np.zeros((n, 2)), np.zeros((0, 2)))
-    robots = [robot.replace(choice=team.Choice(gains[robot.index])) for robot in robots]
+    robots = [robot.replace(choice=team.Choice(gains[robot.index])) for robot in _robots(n)]
     _, rounds = team.agree(robots, _mission(graph), mailbox, "cadmm")
     return mailbox.ledger.messages() // len(rounds)
 
@@ -81,123 +73,79 @@ def exchange():
     }
 
 
-_RADIO = 5.0  # [m] how far a weak radio reaches
-# where five robots stand [m]: a chain 0-1-2, robot 3 out of reach, robot 4 at its goal near the chain; and their views
-_PLACES = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 4.5], [9.0, 0.0], [1.0, 1.0]])
-_VIEWS = np.array([[1.0, 1.0], [4.5, 0.0], [3.0, 3.5], [8.0, 0.0]])
-_PAIRS = {(i, j) for i in range(4) for j in range(5) if i != j}  # robot 4 plans nothing
+_LINKS = nx.Graph([(0, 1), (1, 2), (2, 3), (1, 4)])  # robot 4 is at its goal
+_PAIRS = {(i, j) for i in range(4) for j in range(5) if i != j}
+_WANTED = {(i, j) for i, j in _PAIRS if _LINKS.has_edge(i, j)}
 
 
-def _within(places: np.ndarray, reach: float = _RADIO) -> set[tuple[int, int]]:
-    """Pairs (sender, receiver) of places less than a reach apart."""
-    return {(i, j) for i, j in _PAIRS if max(i, j) < len(places) and math.dist(places[i], places[j]) < reach}
+def _among(pairs: set[tuple[int, int | None]], times: int = 1) -> Callable:
+    """A phase in which the plans of these senders go to these receivers."""
+    return lambda robot, mission: times * [(j, robot.plans[i]) for i, j in sorted(pairs) if i == robot.index]
 
 
-_WANTED = _within(_PLACES)
-_HEARD = [{k} & {0, 1, 2, 3} | {i for i, j in _WANTED if j == k} for k in range(5)]
+def _own(robot):
+    return {k: plan for k, plan in robot.plans.items() if k == robot.index}
 
 
-def _radio(hears: Callable | None = None, times=1, keep: Callable = lambda robot, told: robot.plans | told) -> Callable:
-    """A share stage: who hears whom (two robots), how often, and what becomes of the plans."""
-    hears = hears or (lambda a, b: (a.index, b.index) in _WANTED)
+def _letters(mine: Callable) -> Callable:
+    """A phase whose letters are a list, also where it yields them."""
 
-    def share(robots, mission, mailbox, cycle):
-        heard = {robot.index: {} for robot in robots}
-        for robot in (robot for robot in robots if robot.plans):
-            for mate in robots:
-                if mate is not robot and hears(robot, mate):
-                    heard[mate.index] |= robot.plans
-                    for _ in range(times):
-                        mailbox.send(robot.index, mate.index, robot.plans[robot.index])
-        return [robot.replace(plans=keep(robot, heard[robot.index])) for robot in robots]
+    def said(robot, mission):
+        letters = mine(robot, mission)
+        return letters if letters is None or letters is ... else [(receiver, message) for receiver, message in letters]
 
-    return share
-
-
-def _among(pairs: set) -> Callable:
-    return _radio(lambda a, b: (a.index, b.index) in pairs)
-
-
-def _also(change: Callable) -> Callable:
-    """A right share stage that does one thing more before."""
-
-    def share(robots, mission, mailbox, cycle):
-        change(robots, mailbox, cycle)
-        return _radio()(robots, mission, mailbox, cycle)
-
-    return share
-
-
-def _misfiled(robot, told):
-    plans = robot.plans | told
-    return dict(zip(plans, reversed(plans.values()), strict=True))
-
-
-_ONE_WAY = "each letter goes one way only: both robots of a pair have a plan"
-_CHATTER = messages.Copies(0, 0, 0, np.zeros(5))
+    return said
 
 
 @judged(
-    truth=_radio(),
+    truth=_among(_WANTED),
     mistakes=[
-        (_also(lambda robots, mailbox, cycle: mailbox.send(0, 1, _CHATTER)),
+        (lambda robot, mission: [(j, robot.plans[robot.index]) for j in _LINKS[robot.index]],
+         "robot 4 is at its goal and has no plan of its own: then nothing is sent, and the list is empty",
+         lambda seen: seen.stopped),
+        (lambda robot, mission: [("all", plan) for plan in _own(robot).values()],
+         "a receiver is a robot's number, or None for everybody", lambda seen: seen.strange),
+        (lambda robot, mission: [(j, messages.Copies(robot.index, 0, 0, np.zeros(5))) for j in _LINKS[robot.index]],
          "plans are to be shared, and nothing else", lambda seen: seen.other),
-        (_also(lambda robots, mailbox, cycle: mailbox.send(0, 1, robots[1].plans[1])),
+        (lambda robot, mission: [(j, plan) for j in _LINKS[robot.index] for plan in robot.plans.values()],
          "a plan is passed on: a weak radio speaks for its own robot only", lambda seen: seen.passed_on),
-        (_radio(times=2), "a plan is sent to the same teammate more than once", lambda seen: seen.twice),
-        (_radio(times=0), "nothing was sent: whatever does not go through the mailbox is not counted either",
+        (_among(_WANTED, times=2), "a plan is sent to the same teammate more than once", lambda seen: seen.twice),
+        (lambda robot, mission: [],
+         "nothing was sent: a phase gives all that it sends, pairs of a receiver and a message",
          lambda seen: not seen.sent),
-        (_among(_PAIRS), "everyone hears everyone: how far does a weak radio reach?",
-         lambda seen: seen.sent == _PAIRS),
-        (_among(_PAIRS - _WANTED), "the wrong way round: only far teammates hear it",
+        (team.announce, "None is everybody, and the others pass it on: a weak radio reaches its neighbours only",
+         lambda seen: any(j is None for _, j in seen.sent)),
+        (_among(_PAIRS), "everyone hears everyone: how far does a weak radio reach?", lambda seen: seen.sent >= _PAIRS),
+        (_among(_PAIRS - _WANTED), "the wrong way round: only those hear it to whom there is no link",
          lambda seen: seen.sent == _PAIRS - _WANTED),
         (_among({(i, j) for i, j in _WANTED if j < 4}),
          "a robot at its goal plans nothing, but its map can still judge",
          lambda seen: seen.sent == {(i, j) for i, j in _WANTED if j < 4}),
-        (_among(_within(_VIEWS)), "how far apart do the robots stand? their viewpoints are elsewhere",
-         lambda seen: seen.sent == _within(_VIEWS)),
-        (_among(_within(_VIEWS) | {(i, j) for i, j in _WANTED if j == 4}),
-         "the robots' own places count, not their viewpoints",
-         lambda seen: seen.sent == _within(_VIEWS) | {(i, j) for i, j in _WANTED if j == 4}),
-        (_among({(i, j) for i, j in _WANTED if i < j}), _ONE_WAY,
+        (_among({(i, j) for i, j in _WANTED if i < j}),
+         "each letter goes one way only: both robots of a pair have a plan",
          lambda seen: seen.sent == {(i, j) for i, j in _WANTED if i < j}),
-        (_among({(i, j) for i, j in _WANTED if i > j}), _ONE_WAY,
-         lambda seen: seen.sent == {(i, j) for i, j in _WANTED if i > j}),
-        (_among(_within(_PLACES, 5.5)), "robot {i} cannot reach robot {j}, {away:.1f} m away, but writes to it",
-         lambda seen: seen.sent - _WANTED),
-        (_among(_within(_PLACES, 4.2)), "robot {i} does not write to robot {j}, {away:.1f} m away",
+        (_among({(i, i + 1) for i in range(4)} | {(i, i - 1) for i in range(1, 4)}),
+         "robot {i} has no link to robot {j}, but writes to it", lambda seen: seen.sent - _WANTED),
+        (_among(_WANTED - {(1, 2), (2, 3)}), "robot {i} does not write to robot {j}, a neighbour of it",
          lambda seen: _WANTED - seen.sent),
-        (_radio(keep=lambda robot, told: robot.plans), "plans were sent, but nobody keeps what came: who collects it?",
-         lambda seen: all(plans <= {k} for k, plans in enumerate(seen.known))),
-        (_radio(keep=lambda robot, told: told), "a robot forgets its own plan when it hears others",
-         lambda seen: any(k not in seen.known[k] for k in range(4))),
-        (_radio(keep=_misfiled), "plans are filed under the robot that made them",
-         lambda seen: seen.k == "" and any(plan.robot != k for r in seen.after for k, plan in r.plans.items())),
-        (_radio(keep=lambda robot, told: robot.plans | dict([*told.items()][:1])),
-         "robot {k} has lost a plan that it was sent",
-         lambda seen: seen.k != "" and seen.known[seen.k] < _HEARD[seen.k]),
-        (_radio(keep=lambda robot, told: robot.plans | told | _robots(_PLACES, _VIEWS)[2].plans),
-         "robot {k} knows a plan that it never heard", lambda seen: seen.k != ""),
-        (lambda robots, mission, mailbox, cycle: robots[::-1],
-         "a list of all 5 robots is wanted back, in their order"),
     ],
-    praise="a weak radio: plans go as far as they are heard, and no farther",
+    praise="a weak radio: plans go one link far, and no farther",
 )  # fmt: skip
 def share(mine: Callable) -> SimpleNamespace:
-    """my_share(robots, mission, mailbox, cycle): the share stage of weak radios; robots with the plans that they heard.
-
-    Who sent what to whom in one share stage, and who holds which plans afterwards.
-    """
-    robots, mailbox = _robots(_PLACES, _VIEWS), messages.Mailbox()
-    after = ask(mine, robots, _mission(network.build("complete", len(robots))), mailbox, 0)
-    if not isinstance(after, list) or [getattr(robot, "index", None) for robot in after] != list(range(len(robots))):
-        raise Fault(f"a list of all {len(robots)} robots is wanted back, in their order")
-    rows, sent = mailbox.ledger.rows, {key[:2] for key in mailbox.ledger.rows}
-    seen = SimpleNamespace(sent=sent, known=[set(robot.plans) for robot in after], after=after)
-    seen.other = set(mailbox.ledger.by_kind()) - {"Plan"}
-    seen.passed_on = any(sender != origin for sender, _, origin, *_ in rows)
-    seen.twice = mailbox.ledger.messages() > len(sent)
-    seen.i, seen.j = min((sent - _WANTED) or (_WANTED - sent) or {(0, 0)})
-    seen.k = next((k for k in range(5) if seen.known[k] != _HEARD[k]), "")
-    seen.away = math.dist(_PLACES[seen.i], _PLACES[seen.j])
+    """my_share(robot, mission): the phase of weak radios: what a robot sends, pairs of a receiver and a message."""
+    seen, letters = SimpleNamespace(stopped=False), []
+    for robot in _robots(5, planning=4):
+        try:
+            letters += [(robot.index, *letter) for letter in ask(_letters(mine), robot, _mission(_LINKS))]
+        except Fault:
+            if robot.index < 4:
+                raise
+            seen.stopped = True
+    seen.strange = [j for _, j, _ in letters if not (j is None or isinstance(j, int | np.integer))]
+    seen.sent = set() if seen.strange else {(i, j) for i, j, _ in letters}
+    seen.other = [message for *_, message in letters if not isinstance(message, messages.Plan)]
+    seen.passed_on = not seen.other and any(i != plan.robot for i, _, plan in letters)
+    seen.twice = len(letters) > len(seen.sent)
+    if not any(j is None for _, j in seen.sent):
+        seen.i, seen.j = min((seen.sent - _WANTED) or (_WANTED - seen.sent) or {(0, 0)})
     return seen
