@@ -42,9 +42,10 @@ def announce(robot: Robot, mission: Mission) -> Iterable[Letter]:
 
 def send_guests(robot: Robot, mission: Mission) -> Iterable[Letter]:
     """limited: to each teammate the splats in the view that it suggests to it."""
-    gains = serve(robot, mission)
-    for k in sorted(set(robot.plans) - {robot.index}):
-        yield k, view_cone(robot, mission, robot.plans[k].position, best_yaw(gains[k]))
+    others = {k: plan for k, plan in sorted(robot.plans.items()) if k != robot.index}
+    gains = serve(robot.replace(plans=others), mission)
+    for k, plan in others.items():
+        yield k, view_cone(robot, mission, plan.position, best_yaw(gains[k]))
 
 
 def send_map(robot: Robot, mission: Mission) -> Iterable[Letter]:
