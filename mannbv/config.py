@@ -110,6 +110,7 @@ class Config:
     block_opacity: float = _constant(1.0, "1", "splats more opaque block cells that no depth has shown; 1: none does")
     # masks, Eqs. (10)-(13)
     r_min: float = _constant(0.5, "m", "smallest mask radius, Eq. (10)")
+    r_max: float = _constant(10.0, "m", "largest mask radius, and longest way to a splat that still weighs; 0: none")
     beta1: float = _constant(1.0, "m", "β₁ of the mask radius, Eq. (10)")
     beta2: float = _constant(2.0, "1/m", "β₂ of the mask radius, Eq. (10)")
     gamma1: float = _constant(1.0, "1", "γ₁ of the proximity weight, Eq. (13)", "sibling paper")
@@ -158,6 +159,8 @@ class Config:
             raise ValueError(f"config: risk_from must be body or camera, got {self.risk_from}")
         if not self.body_low < self.body_high:
             raise ValueError(f"config: body_low must be below body_high, got {self.body_low} and {self.body_high}")
+        if 0 < self.r_max < self.r_min:
+            raise ValueError(f"config: r_max must be at least r_min, or 0, got {self.r_max} and {self.r_min}")
         if not self.fov < math.pi:
             raise ValueError(f"config: fov must be below π rad, got {self.fov}")
         if self.n_yaws < 4:

@@ -6,7 +6,7 @@ Arrays are indexed [ix, iy]; cell (0, 0) has its lower corner at the lattice's o
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, spatial
 
 from mannbv.kernels import search
 
@@ -206,6 +206,22 @@ def nearest(cells: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarra
     distance, where = ndimage.distance_transform_edt(~cells, return_indices=True)
     x, y = index.T
     return where[:, x, y].T, distance[x, y]
+
+
+def beside(cells: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For places (k, 2) on the lattice, in cells from its corner: the marked cell (k, 2) whose centre is nearest, and
+    how far that cell is from the place's own, in cells; inf where none is marked.
+
+    Unlike `nearest` it knows on which side of its cell a place lies, so that a wall of one cell has two sides.
+    """
+    inner = np.floor(places).astype(int)
+    outside, found = ~cells[inner[:, 0], inner[:, 1]], inner.copy()
+    if outside.any():
+        rim = np.argwhere(cells & ~ndimage.minimum_filter(cells, 3))  # where a way in must end
+        if not len(rim):
+            return inner, np.full(len(inner), np.inf)
+        found[outside] = rim[spatial.cKDTree(rim + 0.5).query(places[outside])[1]]
+    return found, np.linalg.norm(found - inner, axis=1)
 
 
 def _check_cells(cost: np.ndarray, cells: np.ndarray) -> None:

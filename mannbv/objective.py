@@ -29,12 +29,13 @@ def zone(belief: Belief, path: np.ndarray, config: Config) -> Zone:
     """Π of a trajectory (k, d) [m] on one robot's map, Eqs. (9)-(13)."""
     points = torch.from_numpy(np.asarray(path, float)).to(belief.splats.means)
     alpha = risk.along(belief.splats, points, config)
-    radii = mask.radius(alpha, config.r_min, config.beta1, config.beta2)
+    radii = mask.radius(alpha, config.r_min, config.beta1, config.beta2, config.r_max)
     selected = mask.zone(belief.splats, points, radii)
     weights = torch.zeros(len(selected)).to(belief.splats.means)
     if bool(selected.any()):
         chosen = belief.splats.select(selected)
-        weights[selected] = mask.proximity(chosen, points, belief.ground, config.gamma1, config.gamma2)
+        reach = config.gamma1, config.gamma2, config.r_max
+        weights[selected] = mask.proximity(chosen, points, belief.ground, *reach)
     return Zone(alpha, radii, selected, weights)
 
 

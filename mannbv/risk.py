@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
-from scipy.special import erfinv
+from scipy.special import erfcx, ndtri
 from torch import Tensor
 
 from mannbv.config import Config
@@ -31,10 +31,11 @@ def value_at_risk(mean, std, level):
 
         V@R = mean + std · √2 · ι,    ι = erf⁻¹(2·level − 1)
 
-    mean, std: numbers, arrays or tensors [m]. Raises ValueError unless 0 < level < 1.
+    mean, std: numbers, arrays or tensors [m]. Raises ValueError unless 0 < level < 1. √2 ι is the normal distribution's
+    quantile; taken as such it is exact for the smallest levels too, where 2·level − 1 rounds to −1.
     """
     _check(level)
-    return mean + std * (math.sqrt(2) * float(erfinv(2 * float(level) - 1)))
+    return mean + std * float(ndtri(float(level)))
 
 
 def average_value_at_risk(mean, std, level):
@@ -42,11 +43,12 @@ def average_value_at_risk(mean, std, level):
 
         AV@R = mean − std · exp(−ι²) / (level · √(2π)),    ι = erf⁻¹(2·level − 1)
 
-    mean, std: numbers, arrays or tensors [m]. Raises ValueError unless 0 < level < 1.
+    mean, std: numbers, arrays or tensors [m]. Raises ValueError unless 0 < level < 1. With level = erfc(−ι)/2 the
+    fraction is √(2/π) / (exp(ι²) erfc(−ι)), in which nothing small is left.
     """
     _check(level)
-    iota = float(erfinv(2 * float(level) - 1))
-    return mean - std * (math.exp(-iota * iota) / (float(level) * math.sqrt(2 * math.pi)))
+    iota = float(ndtri(float(level))) / math.sqrt(2)
+    return mean - std * (math.sqrt(2 / math.pi) / float(erfcx(-iota)))
 
 
 def sampled(samples, level) -> tuple[float, float]:

@@ -260,7 +260,7 @@ def test_a_table_is_linear_between_its_nodes_and_its_slope_a_central_difference(
     table, at, nodes = rng.normal(size=(40, n_yaws)), rng.uniform(-9, 9, 40), consensus.grid(n_yaws)
     expected = [between(row, yaw) for row, yaw in zip(table, at, strict=True)]
     np.testing.assert_allclose(consensus.interpolate(table, at), expected, atol=1e-12)
-    np.testing.assert_allclose(consensus.interpolate(np.tile(table[0], (n_yaws, 1)), nodes), table[0], atol=1e-11)
+    np.testing.assert_allclose(consensus.interpolate(np.tile(table[0], (n_yaws, 1)), nodes), table[0], rtol=0)
     np.testing.assert_allclose(consensus.interpolate(table[0], at), between(table[0], at), atol=1e-12)
     step = 2 * np.pi / n_yaws
     ahead, behind = ([between(r, y + side) for r, y in zip(table, at, strict=True)] for side in (step, -step))
@@ -278,7 +278,7 @@ def test_nothing_exceeds_the_optimum_of_rough_tables(seed):
     graph, announced = network.build("complete", n), rng.uniform(-np.pi, np.pi, n)
     best, at_nodes = consensus.best_yaws(gains.sum(0), announced), gains.sum(0).max(1).sum()
     top = consensus.value(gains, best)
-    assert top == pytest.approx(at_nodes, rel=1e-12)
+    assert top == at_nodes
     np.testing.assert_array_equal(consensus.solve(gains, graph, announced, "optimum")[-1].yaws, best)
     for solver in consensus.SOLVERS:
         assert consensus.value(gains, consensus.solve(gains, graph, announced, solver)[-1].yaws) <= at_nodes
@@ -346,7 +346,7 @@ def test_agreement_beats_own_views_and_a_profile_is_all_but_the_optimum(graph):
         for name, values in shares.items():
             yaws = consensus.solve(objectives, graph, own, name)[-1].yaws
             values.append(consensus.value(objectives, yaws) / best)
-    assert max(max(values) for values in shares.values()) <= 1 + 1e-4
+    assert max(max(values) for values in shares.values()) <= 1
     assert min(shares["profile"]) >= 0.995
     assert np.mean(shares["cadmm"]) > np.mean(shares["own"]) + 0.05
     assert np.mean(shares["cadmm-gradient"]) > np.mean(shares["own"])

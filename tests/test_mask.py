@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import numpy as np
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from mannbv import geometry, mask
+from mannbv.config import Config
 from mannbv.grid import Lattice, Occupancy
 from mannbv.splats import SplatMap
 
@@ -16,7 +18,7 @@ from mannbv.splats import SplatMap
 @given(st.floats(-1, 5), st.floats(0, 3), st.floats(0, 2), st.floats(0.01, 3), st.floats(0.01, 5))
 def test_a_safer_waypoint_gets_a_smaller_mask(risk, safer, r_min, beta1, beta2):
     values = torch.tensor([risk, risk + safer], dtype=torch.float64)
-    here, there = mask.radius(values, r_min, beta1, beta2).tolist()
+    here, there = mask.radius(values, r_min, beta1, beta2, r_max=0.0).tolist()
     assert there <= here
     assert_allclose(here, r_min + beta1 * math.exp(-beta2 * risk), rtol=1e-9)
     assert r_min <= there
@@ -28,6 +30,20 @@ def test_the_radius_takes_numbers_and_infinity():
     for wrong in ((-0.1, 1.0, 1.0), (0.5, 0.0, 1.0), (0.5, 1.0, -1.0), (math.nan, 1.0, 1.0)):
         with pytest.raises(ValueError, match="mask: needs r_min"):
             mask.radius(0.0, *wrong)
+
+
+def test_no_radius_exceeds_its_bound_and_ordinary_ones_do_not_feel_it():
+    alpha = torch.linspace(-1.1, 3, 50, dtype=torch.float64)  # a splat with σ = 0.6 m on the waypoint: −1.05 m
+    assert mask.radius(alpha).tolist() == mask.radius(alpha, r_max=0.0).tolist()
+    deep = torch.tensor([-2.0, -5.0, -1000.0])
+    assert mask.radius(deep).tolist() == [Config().r_max] * 3 == [10.0] * 3
+    assert mask.radius(deep, 0.5, 1.0, 2.0, 3.0).tolist() == [3.0] * 3
+    assert_allclose(mask.radius(-5.0, 0.5, 1.0, 2.0, 0.0), 0.5 + math.exp(10), rtol=1e-6)
+    for wrong in (0.4, -1.0, math.nan):
+        with pytest.raises(ValueError, match="mask: r_max must be at least r_min"):
+            mask.radius(0.0, 0.5, 1.0, 2.0, wrong)
+    with pytest.raises(ValueError, match="config: r_max must be at least r_min, or 0, got"):
+        Config().replace(r_max=0.4)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -112,6 +128,68 @@ def test_a_splat_in_a_wall_is_reached_from_its_nearest_free_cell():
     assert_allclose(found, math.exp(-(0.5 + 0.5)), rtol=1e-6)  # one cell along, one cell up
 
 
+@pytest.mark.parametrize("thickness", [1, 2, 3, 4])
+def test_each_face_of_a_wall_is_reached_from_its_own_side(thickness):
+    """Cells of 0.1 m; the robot stands 0.5 m in front of the wall, and the way around it is some 6 m long."""
+    lattice = Lattice((0.0, 0.0), 0.1, (12 + thickness, 35))
+    log_odds = np.full(lattice.shape, -1.0, np.float32)
+    log_odds[6 : 6 + thickness, :34] = 2.0
+    robot = torch.tensor([[0.15, 0.55]])
+    edge = 0.1 * thickness
+    into = np.array([0.0, 0.01, 0.3 * edge, 0.49 * edge])
+    near, far = 0.6 + into, 0.6 + edge - into
+    splat_map = at(*[[float(x), 0.55] for x in (*near, *far)])
+    found = -np.log(mask.proximity(splat_map, robot, Occupancy(lattice, log_odds), limit=100.0).numpy())
+    assert (found[:4] < 0.6 + edge).all()
+    assert (found[4:] > 5.5).all()
+
+
+def ways(free, source):
+    """Cells from a source to every free cell, by relaxing all steps until nothing changes; no cutting of corners."""
+    far = np.full(free.shape, np.inf)
+    far[source] = 0.0 if free[source] else np.inf
+    while True:
+        padded, before = np.pad(far, 1, constant_values=np.inf), far
+        open_ = np.pad(free, 1)
+        best = far
+        for dx, dy in itertools.product((-1, 0, 1), repeat=2):
+            move = np.s_[1 + dx : 1 + dx + free.shape[0], 1 + dy : 1 + dy + free.shape[1]]
+            level = np.s_[1 + dx : 1 + dx + free.shape[0], 1 : 1 + free.shape[1]]
+            upright = np.s_[1 : 1 + free.shape[0], 1 + dy : 1 + dy + free.shape[1]]
+            fits = free & open_[level] & open_[upright]
+            best = np.where(fits, np.minimum(best, padded[move] + math.hypot(dx, dy)), best)
+        far = best
+        if np.array_equal(far, before):
+            return far
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_proximity_by_brute_force(seed):
+    rng, lattice = np.random.default_rng(seed), Lattice((-1.0, 0.5), 0.25, (14, 11))
+    log_odds = rng.choice([-1.0, 0.0, 2.0], lattice.shape, p=[0.75, 0.05, 0.2]).astype(np.float32)
+    free = log_odds < 0
+    source = tuple(int(c) for c in rng.choice(np.argwhere(free)))
+    means = rng.uniform([-1.6, -0.1], [3.1, 3.9], (60, 2))  # some outside
+    means[:20] = np.round(means[:20] * 4) / 4  # on borders and corners of cells, where float32 is exact
+    far = ways(free, source)
+    expected = []
+    for mean in means.astype(np.float32).astype(float):
+        cell = np.clip(np.floor((mean - [-1.0, 0.5]) / 0.25), 0, [13, 10])
+        inside = np.clip(mean, [-1.0, 0.5] + 0.25 * cell, [-1.0, 0.5] + 0.25 * (cell + 1))
+        doors = np.argwhere(free)
+        away = np.linalg.norm([-1.0, 0.5] + 0.25 * (doors + 0.5) - inside, axis=1)
+        near = doors[away <= away.min() + 1e-9]  # between equals either will do
+        straight = 0.25 * np.linalg.norm(near - cell, axis=1)
+        outside = not ((mean >= [-1.0, 0.5]).all() and (mean < [2.5, 3.25]).all())
+        beyond = outside * math.dist(mean, [-1.0, 0.5] + 0.25 * (cell + 0.5))
+        expected.append(np.exp(-(0.25 * far[near[:, 0], near[:, 1]] + straight + beyond)))
+    path = torch.tensor([-1.0, 0.5]) + 0.25 * (torch.tensor(source) + 0.5)
+    found = mask.proximity(at(*means.tolist()), path[None], Occupancy(lattice, log_odds), limit=100.0).numpy()
+    for mine, either in zip(found, expected, strict=True):
+        assert np.isclose(mine, either, rtol=1e-5, atol=1e-12).any()
+    assert (found > 0).mean() > 0.3
+
+
 def test_the_nearest_waypoint_counts_and_the_limit_cuts():
     waypoints = torch.tensor([[0.25, 0.25], [2.25, 1.25], [9.0, 9.0]])  # the last lies beyond the lattice
     splat_map = at([0.25, 1.25])
@@ -125,6 +203,16 @@ def test_a_splat_outside_the_grid_is_reached_straight_from_its_border_cell():
     for away in (0.5, 2.0):
         found = mask.proximity(at([0.25 - away, 0.25]), waypoint, corridor(), 1.0, 1.0)
         assert_allclose(found, math.exp(-away), rtol=1e-6)
+
+
+def test_without_a_limit_only_what_is_cut_off_weighs_nothing():
+    corner = torch.tensor([[0.25, 0.25]])
+    for gamma2 in (1.0, 0.0):
+        free, shut = (
+            mask.proximity(at([0.25, 1.25]), corner, corridor(cells), 1.0, gamma2, 0.0) for cells in ((), [(2, 0)])
+        )
+        assert_allclose(free, math.exp(-5.0 * gamma2), rtol=1e-6)
+        assert shut.tolist() == [0.0]
 
 
 def test_height_does_not_count_on_the_ground():

@@ -1,5 +1,6 @@
 import math
 
+import mpmath
 import numpy as np
 import pytest
 import torch
@@ -53,6 +54,27 @@ def test_laws_of_scale_order_and_shift(mean, std, level, factor, shift):
         assert measure(mean, 0.0, level) == mean
     assert risk.average_value_at_risk(mean, std, level) <= risk.value_at_risk(mean, std, level) + 1e-12
     assert risk.average_value_at_risk(mean, std, level) <= mean
+
+
+@pytest.mark.parametrize("level", [5e-324, 1e-300, 1e-100, 1e-17, 1e-9, 0.1, 0.5, 0.999, 1 - 1e-16])
+def test_levels_near_0_and_1_against_fifty_digits(level):
+    """V@R solves Φ(q) = level by bisection; AV@R is −φ(q) / level."""
+    with mpmath.workdps(50):
+        exact = mpmath.mpf(level)
+        low, high = mpmath.mpf(-60), mpmath.mpf(60)
+        for _ in range(220):
+            middle = (low + high) / 2
+            low, high = (middle, high) if mpmath.ncdf(middle) < exact else (low, middle)
+        quantile, tail = float(low), float(-mpmath.npdf(low) / exact)
+    assert_allclose(risk.value_at_risk(0.0, 1.0, level), quantile, rtol=1e-14, atol=1e-16)
+    assert_allclose(risk.average_value_at_risk(0.0, 1.0, level), tail, rtol=1e-14)
+
+
+def test_the_smallest_levels_are_the_most_cautious():
+    assert_allclose(risk.average_value_at_risk(1.0, 0.1, 1e-17), 0.139, atol=1e-3)  # not 1.0, as if riskless
+    levels = np.geomspace(1e-300, 0.5, 400)
+    for function in (risk.value_at_risk, risk.average_value_at_risk):
+        assert (np.diff([function(0.0, 1.0, level) for level in levels]) > 0).all()
 
 
 def test_arrays_and_tensors_go_through():

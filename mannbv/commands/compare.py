@@ -109,14 +109,15 @@ def _config(dim: int, preset: str, changes: list[str]):
     Raises ValueError, naming the change and the remedy.
     """
     from mannbv.config import PRESETS as constants
-    from mannbv.config import Config
+    from mannbv.config import Config, nearest
 
-    values = {}
+    values, names = {}, Config.__dataclass_fields__
     for change in changes:
         name, equals, text = change.partition("=")
         name = name.strip()
-        if name not in Config.__dataclass_fields__ or not equals:
-            raise UsageError(f"--set {change}: give NAME=VALUE with a constant's name, such as --set level=0.05")
+        if name not in names or not equals:
+            example = nearest({name} - names.keys(), names) or "such as --set level=0.05"
+            raise UsageError(f"--set {change}: give NAME=VALUE with a constant's name, {example}")
         default = getattr(Config(), name)
         try:
             values[name] = type(default)(text.strip())

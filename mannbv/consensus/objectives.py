@@ -35,6 +35,7 @@ def interpolate(gains: Float[np.ndarray, "*rows yaws"], yaws, slope: bool = Fals
         pitch = 2 * np.pi / n
         return (interpolate(gains, yaws + pitch) - interpolate(gains, yaws - pitch)) / (2 * pitch)
     place = (yaws + np.pi) * n / (2 * np.pi)
+    place = np.where(np.abs(place - np.rint(place)) < 1e-9, np.rint(place), place)  # a node keeps its very gain
     low = np.floor(place)
     shape = np.broadcast_shapes(gains.shape[:-1], low.shape)
     table, node = np.broadcast_to(gains, (*shape, n)), np.broadcast_to(low.astype(int), shape)[..., None]
