@@ -33,7 +33,9 @@ def team(gains, choice):
 
 
 def _ball(alpha):
-    return mask.radius(np.asarray(alpha), r_max=0.0)  # Eq. (10) as it stands, so that mistakes are told beyond any bound
+    return mask.radius(
+        np.asarray(alpha), r_max=0.0
+    )  # Eq. (10) as it stands, so that mistakes are told beyond any bound
 
 
 @exercise(cases=[(_rng.uniform(-0.2, 2.0, shape),) for shape in ((2, 3), (4, 5), (3, 3))])
