@@ -197,8 +197,9 @@ def _packed(job: Job) -> bytes:
 
 
 def _ours(entry) -> bool:
-    parts = [part for part in (entry if isinstance(entry, tuple) else (entry,)) if callable(part)]
-    return all(part.__module__.startswith("mannbv.") for part in parts)
+    if isinstance(entry, tuple):
+        return all(map(_ours, entry))
+    return not callable(entry) or entry.__module__.startswith("mannbv.")
 
 
 @contextlib.contextmanager
