@@ -66,17 +66,6 @@ def text(at, words: str, color: str = INK, align="center") -> dict:
     return {"kind": "text", "at": [float(v) for v in at[:2]], "text": words, "color": color, "align": align}
 
 
-def disc(center, radius, color: str, strength=0.22) -> dict:
-    """A filled disc of `radius` in data units."""
-    angle = np.linspace(0, 2 * math.pi, 49)
-    return line(
-        np.asarray(center)[:2] + radius * np.column_stack([np.cos(angle), np.sin(angle)]),
-        None,
-        fill=color,
-        strength=strength,
-    )
-
-
 def view(position, yaw, fov=math.pi / 2, length=1.0, color: str = INK, strength=0.2) -> dict:
     """A camera at `position` [m] looking along `yaw` [rad], its field of view `length` [m] deep."""
     angle = yaw + np.linspace(-fov / 2, fov / 2, 25)
