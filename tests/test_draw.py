@@ -33,9 +33,8 @@ def record(place):
 
 @pytest.fixture(scope="module")
 def results(record):
-    rows = study.rows_of(record)
-    others = [row | {"strategy": "single", "psnr_db": row["psnr_db"] + 1, "bytes_sent": 0} for row in rows]
-    return study.assemble("flat", 2, 2, TINY, rows + others)
+    others = [dataclasses.replace(r, strategy="single", psnr_db=r.psnr_db + 1, bytes_sent=0) for r in record.rows]
+    return study.assemble("flat", 2, 2, TINY, [*record.rows, *others])
 
 
 @pytest.fixture
@@ -217,26 +216,26 @@ def test_a_comparison_shows_every_strategys_scores(results, record, place):
         "single",
     ]
     means = sorted(line.get_xdata()[0] for line in ax.lines if line.get_marker() == "D")
-    assert means == pytest.approx(sorted(s["psnr_db"]["mean"] for s in results["summary"].values()))
+    assert means == pytest.approx(sorted(means["psnr_db"].mean for means in results.summary.values()))
     assert ax.get_xlabel() == "[dB]"
     (sent,) = axes_named(made, "sent by a robot")
     assert sent.get_xscale() == "symlog"
     assert sent.get_xlabel() == "[B]"
-    (longer,) = axes_named(made, "longer than")  # nobody is at the goal after three cycles
+    (longer,) = axes_named(made, "path overhead")  # nobody is at the goal after three cycles
     assert [text.get_text() for text in longer.texts] == ["none", "none"]
     assert any("dots robots" in text.get_text() for text in made.texts)
 
 
 def test_intervals_are_drawn_and_cut_at_the_edge(results, record, place):
     rows = [
-        row | {"seed": seed, "psnr_db": row["psnr_db"] + (3.0 if row["strategy"] == "single" else 0.1) * seed}
-        for row in results["rows"]
+        dataclasses.replace(r, seed=seed, psnr_db=r.psnr_db + (3.0 if r.strategy == "single" else 0.1) * seed)
+        for r in results.rows
         for seed in (0, 1, 2)
     ]
     several = study.assemble("flat", 2, 2, TINY, rows)
     made = draw.compare_figure(several, record, place)
     (ax,) = axes_named(made, "PSNR")
-    low, high = several["summary"]["distributed"]["psnr_db"]["interval"]
+    low, high = several.summary["distributed"]["psnr_db"].interval
     bars = [line.get_xdata() for line in ax.lines if len(line.get_xdata()) == 2 and line.get_marker() == "None"]
     assert any(np.allclose(bar, [low, high]) for bar in bars)
     arrows = [line for line in ax.lines if line.get_marker() in "<>"]

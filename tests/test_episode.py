@@ -20,7 +20,7 @@ BOTH = [(2, SMALL), (3, SPACE)]
 
 def without_times(record: episode.Record) -> str:
     cycles = [{k: v for k, v in log.to_json().items() if k != "seconds"} for log in record.cycles]
-    rows = [{k: v for k, v in row.items() if k != "seconds"} for row in record.rows]
+    rows = [{k: v for k, v in row.to_json().items() if k != "seconds"} for row in record.rows]
     return json.dumps([cycles, rows, record.ledger.to_json(), record.finished])
 
 
@@ -77,17 +77,17 @@ def test_robots_reach_their_goals_and_the_scores_hold_together():
     record = episode.run("flat", "single", config, n_robots=2)
     place = world.load("flat")
     for robot, row in zip(record.robots, record.rows, strict=True):
-        assert row["reached"] and row["fate"] == "reached"
+        assert row.reached and row.fate == "reached"
         assert np.linalg.norm(robot.position - place.goals[robot.index]) <= config.reach
         length = np.linalg.norm(np.diff(robot.trail, axis=0), axis=1).sum()
-        assert row["path_length_m"] == pytest.approx(length)
-        assert row["min_clearance_m"] == pytest.approx(place.ground.clearance(robot.trail).min())
-        assert row["min_clearance_m"] >= config.robot_radius and row["collisions"] == 0
+        assert row.path_length_m == pytest.approx(length)
+        assert row.min_clearance_m == pytest.approx(place.ground.clearance(robot.trail).min())
+        assert row.min_clearance_m >= config.robot_radius and row.collisions == 0
         shortest = place.ground.shortest_path(place.starts[robot.index], place.goals[robot.index], config.robot_radius)
         best = np.linalg.norm(np.diff(shortest, axis=0), axis=1).sum()
-        assert row["spl"] == pytest.approx(best / max(best, length))
-        assert row["bytes_sent"] == row["bytes_received"] == 0
-        assert 0 < row["coverage"] <= 1 and 10 < row["psnr_db"] < 40 and 0 < row["depth_mae_m"] < 1
+        assert row.spl == pytest.approx(best / max(best, length))
+        assert row.bytes_sent == row.bytes_received == 0
+        assert 0 < row.coverage <= 1 and 10 < row.psnr_db < 40 and 0 < row.depth_mae_m < 1
 
 
 @pytest.mark.parametrize(
@@ -145,9 +145,9 @@ def test_a_robot_without_a_way_says_why():
     """Shut in by its own margin, a robot is stuck, not lost: the episode ends and names it."""
     record = episode.run("flat", "single", SMALL.replace(margin=3.0, max_cycles=10), n_robots=1)
     assert len(record.cycles) == 3
-    assert record.rows[0]["fate"] == "no frontier left to go to" and not record.rows[0]["reached"]
-    assert record.rows[0]["path_overhead"] is None
-    assert json.loads(json.dumps(record.rows[0]))["total_risk_m"] is None
+    assert record.rows[0].fate == "no frontier left to go to" and not record.rows[0].reached
+    assert record.rows[0].path_overhead is None
+    assert json.loads(json.dumps(record.rows[0].to_json()))["total_risk_m"] is None
 
 
 def test_noise_reaches_the_map():
@@ -156,7 +156,7 @@ def test_noise_reaches_the_map():
         for noise in (0.0, 0.05)
     )
     assert not torch.equal(quiet.robots[0].local.splats.means[:50], loud.robots[0].local.splats.means[:50])
-    assert math.isfinite(loud.rows[0]["depth_mae_m"])
+    assert math.isfinite(loud.rows[0].depth_mae_m)
 
 
 # ---- in space -------------------------------------------------------------------------------------------------------
@@ -175,8 +175,8 @@ def test_a_robot_in_space_stays_at_camera_height_and_keeps_clear_of_what_stands_
     assert np.array_equal(np.unique(robot.trail[:, 2]), [config.camera_height])
     assert len(robot.trail) > 40
     clear = world.load("flat", dim=3).ground.clearance(robot.trail)
-    assert row["min_clearance_m"] == clear.min() >= config.robot_radius
-    assert row["collisions"] == 0
+    assert row.min_clearance_m == clear.min() >= config.robot_radius
+    assert row.collisions == 0
 
 
 def test_what_a_robot_in_space_takes_for_ground_is_ground(spatial):

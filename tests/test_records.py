@@ -50,14 +50,14 @@ def made(records, runs, tmp_path_factory):
 
 def test_scores_are_those_of_the_runs_to_six_digits(made, runs):
     several, _ = study.gather([runs / "2", runs / "3"])
-    kept = json.loads(bytes(made["results"]))
-    assert [(one["dim"], len(one["rows"])) for one in kept] == [(one["dim"], len(one["rows"])) for one in several]
+    kept = [study.Results.from_json(values) for values in json.loads(bytes(made["results"]))]
+    assert [(one.dim, len(one.rows)) for one in kept] == [(one.dim, len(one.rows)) for one in several]
     for ours, theirs in zip(kept, several, strict=True):
-        assert ours["episodes"][0]["splats"] == theirs["episodes"][0]["splats"]
-        for row, true in zip(ours["rows"], theirs["rows"], strict=True):
-            numbers = {key: value for key, value in true.items() if isinstance(value, float)}
-            assert {key: row[key] for key in numbers} == pytest.approx(numbers, rel=1e-5) and len(numbers) > 5
-            assert row | numbers == true
+        assert ours.episodes[0].splats == theirs.episodes[0].splats
+        for row, true in zip(ours.rows, theirs.rows, strict=True):
+            numbers = {key: value for key, value in true.to_json().items() if isinstance(value, float)}
+            assert {key: getattr(row, key) for key in numbers} == pytest.approx(numbers, rel=1e-5)
+            assert dataclasses.replace(row, **numbers) == true and len(numbers) > 5
 
 
 def test_waypoints_are_forecasts_to_the_millimetre(made, runs, records, monkeypatch):

@@ -21,6 +21,7 @@ from mannbv import consensus, episode, risk, team, world
 from mannbv.config import Config
 from mannbv.lab import report, study
 from mannbv.lab.study import workers
+from mannbv.metrics import Row
 
 TINY = Config(max_cycles=2, fit_steps=4, image_width=32)
 NAMES = ["distributed", "single"]
@@ -44,6 +45,7 @@ def read(folder) -> dict:
 
 
 def timeless(results: dict) -> dict:
+    """The content of a results.json without what a clock has written."""
     results = json.loads(json.dumps(results))
     for part in [*results["rows"], *results["summary"].values(), *results["episodes"]]:
         part.pop("seconds")
@@ -84,40 +86,37 @@ def test_results_have_the_promised_form(done):
     assert set(entry) == {"mean", "interval"}
     assert entry["interval"][0] < entry["mean"] < entry["interval"][1]
     assert done.failures == ()
-    assert study.load(done.folder / "results.json") == results
+    assert study.load(done.folder / "results.json") == done.results
+    assert done.results.to_json() == results
 
 
 def test_bytes_by_kind_and_by_the_papers_count_add_up(done):
     for name in NAMES:
         for seed in (0, 1):
-            rows = [r for r in done.results["rows"] if (r["strategy"], r["seed"]) == (name, seed)]
+            rows = [row for row in done.results.of(name) if row.seed == seed]
             ledger = done.record(name, seed).ledger
             for row in rows:
-                kinds = [value for key, value in row.items() if key.startswith("bytes_") and key[6:] in
-                         ("plan", "suggestion", "copies", "profile", "splats", "grid")]  # fmt: skip
-                assert len(kinds) == 6
-                assert sum(kinds) == row["bytes_sent"] == ledger.sent_by(row["robot"])
-            assert (
-                sum(row["bytes_received"] for row in rows) == sum(row["bytes_sent"] for row in rows) == ledger.total()
-            )
-            assert sum(row["bytes_paper"] for row in rows) == ledger.paper_total(name)
-    assert sum(row["bytes_sent"] for row in done.results["rows"] if row["strategy"] == "single") == 0
+                kinds = row.bytes_plan, row.bytes_suggestion, row.bytes_copies, row.bytes_profile
+                kinds += row.bytes_splats, row.bytes_grid
+                assert sum(kinds) == row.bytes_sent == ledger.sent_by(row.robot)
+            assert sum(row.bytes_received for row in rows) == sum(row.bytes_sent for row in rows) == ledger.total()
+            assert sum(row.bytes_paper for row in rows) == ledger.paper_total(name)
+    assert sum(row.bytes_sent for row in done.results.of("single")) == 0
 
 
 def test_the_papers_count_splits_by_the_robot_that_a_message_came_from_first():
     config = TINY.replace(network="line", max_cycles=1)  # three in a line: maps and splats are relayed
     for name in ("centralized", "limited"):
         record = episode.run("flat", name, config, 0, 3)
-        rows = study.rows_of(record)
-        assert sum(row["bytes_paper"] for row in rows) == record.ledger.paper_total(name) > 0
+        assert sum(row.bytes_paper for row in record.rows) == record.ledger.paper_total(name) > 0
 
 
 def test_the_same_call_gives_the_same_file_but_for_seconds_also_in_other_processes(done, tmp_path):
     again = compare(tmp_path / "again", seeds=2, workers=2)
     assert timeless(read(again.folder)) == timeless(read(done.folder))
     wrong = compare(tmp_path / "other", ["single"], seeds=[1], config=TINY.replace(fit_steps=3))
-    mine = [row for row in timeless(done.results)["rows"] if (row["strategy"], row["seed"]) == ("single", 1)]
-    assert timeless(wrong.results)["rows"] != mine
+    mine = [row for row in timeless(read(done.folder))["rows"] if (row["strategy"], row["seed"]) == ("single", 1)]
+    assert len(mine) == 2 and timeless(read(wrong.folder))["rows"] != mine
 
 
 def test_what_is_finished_is_kept_and_more_seeds_join(tmp_path):
@@ -130,8 +129,8 @@ def test_what_is_finished_is_kept_and_more_seeds_join(tmp_path):
     assert file.stat().st_mtime_ns == before
     assert not list(file.parent.glob(".*.tmp"))
     assert {key for progress in updates for key in progress.episodes} == {("single", 1)}
-    assert more.results["seeds"] == [0, 1]
-    assert more.results["rows"][:2] == first.results["rows"]
+    assert more.results.seeds == (0, 1)
+    assert more.results.rows[:2] == first.results.rows
 
 
 def test_a_run_killed_at_some_cycle_resumes_to_the_same(tmp_path):
@@ -210,7 +209,7 @@ def test_a_killed_worker_costs_its_own_episode_only_and_own_strategies_reach_the
     outcome = compare(tmp_path, ["gone", "mine"], workers=1, progress=updates.append)
     assert len(outcome.failures) == 1
     assert outcome.failures[0].startswith("gone, seed 0: its process was ended (exit code 7)")
-    assert {row["strategy"] for row in outcome.results["rows"]} == {"mine"}
+    assert {row.strategy for row in outcome.results.rows} == {"mine"}
     assert updates[-1].episodes["gone", 0].fault
     assert updates[-1].episodes["mine", 0].finished
     assert updates[-1].share == 1.0
@@ -288,26 +287,26 @@ def test_bad_requests_are_refused_before_any_work(tmp_path, options, says):
 # ---- statistics ---------------------------------------------------------------------------------------------------
 
 
-def row(seed, robot, strategy="single", **values) -> dict:
-    return {"strategy": strategy, "seed": seed, "robot": robot, "cycles": 2} | values
+def row(seed, robot, strategy="single", **values) -> Row:
+    return Row(strategy, seed, robot, **{"cycles": 2} | values)
 
 
 def test_the_seed_is_the_unit_of_the_interval():
     table = np.array([[1.0, 2.0, 6.0], [2.0, 2.5, 3.0], [5.0, 4.0, 9.0], [0.5, 1.0, 0.0]])  # seeds × robots
     rows = [row(s, r, psnr_db=float(v)) for s, line in enumerate(table) for r, v in enumerate(line)]
     entry = study.summarise(rows)["single"]["psnr_db"]
-    assert entry["mean"] == pytest.approx(table.mean(), rel=1e-12)
+    assert entry.mean == pytest.approx(table.mean(), rel=1e-12)
     oracle = stats.ttest_1samp(table.mean(1), 0.0).confidence_interval(0.95)
-    assert entry["interval"] == pytest.approx([oracle.low, oracle.high], rel=1e-12)
+    assert entry.interval == pytest.approx([oracle.low, oracle.high], rel=1e-12)
     pooled = stats.ttest_1samp(table.ravel(), 0.0).confidence_interval(0.95)  # robots of a team taken for independent
-    assert entry["interval"][0] < pooled.low - 0.5
+    assert entry.interval[0] < pooled.low - 0.5
 
 
 def test_one_seed_has_no_interval_and_what_does_not_exist_is_left_out():
     rows = [row(0, 0, psnr_db=3.0, spl=None, fate="reached"), row(0, 1, psnr_db=5.0, spl=0.5, fate="reached")]
     summary = study.summarise(rows)["single"]
-    assert summary["psnr_db"] == {"mean": 4.0, "interval": None}
-    assert summary["spl"] == {"mean": 0.5, "interval": None}
+    assert summary["psnr_db"].to_json() == {"mean": 4.0, "interval": None}
+    assert summary["spl"].to_json() == {"mean": 0.5, "interval": None}
     assert not {"fate", "seed", "robot", "strategy"} & set(summary)
     nothing = study.summarise([row(0, 0, spl=None)])["single"]
     assert "spl" not in nothing
@@ -320,24 +319,24 @@ def test_the_gain_in_percent_is_the_teams_own():
         row(0, 1, total_risk_m=0.60, risk_gain_m=0.01, total_risk_true_m=None, risk_gain_true_m=None),
     ]
     summary = study.summarise(rows)["single"]
-    assert summary["risk_gain_share"]["mean"] == pytest.approx(0.40 / 0.60)
-    assert summary["risk_gain_true_share"]["mean"] == pytest.approx(1.0)
+    assert summary["risk_gain_share"].mean == pytest.approx(0.40 / 0.60)
+    assert summary["risk_gain_true_share"].mean == pytest.approx(1.0)
     blind = [row(0, 0, total_risk_m=-0.2, risk_gain_m=0.1)]  # no share of a negative risk
     assert "risk_gain_share" not in study.summarise(blind)["single"]
 
 
 def test_bytes_a_cycle_are_those_of_the_teams_cycles():
-    rows = [row(0, 0, bytes_sent=100, bytes_paper=10), row(0, 1, bytes_sent=300, bytes_paper=30)]
-    rows[0]["cycles"] = 1  # at its goal after one of two cycles
+    early = row(0, 0, cycles=1, bytes_sent=100, bytes_paper=10)  # at its goal after one of two cycles
+    rows = [early, row(0, 1, bytes_sent=300, bytes_paper=30)]
     summary = study.summarise(rows)["single"]
-    assert summary["sent_per_cycle_b"]["mean"] == 100.0
-    assert summary["paper_per_cycle_b"]["mean"] == 20.0
+    assert summary["sent_per_cycle_b"].mean == 100.0
+    assert summary["paper_per_cycle_b"].mean == 20.0
 
 
 # ---- tables -------------------------------------------------------------------------------------------------------
 
 
-def small_results(seeds=(0, 1)) -> dict:
+def small_results(seeds=(0, 1)) -> study.Results:
     rows = []
     for name, lift in (("centralized", 0.1), ("single", 0.0)):
         for seed in seeds:
@@ -384,7 +383,7 @@ def test_one_seed_shows_no_interval_and_names_the_measure():
     text = report.as_text(report.map_table(results))
     assert "±" not in text
     assert "flat, 2 robots, seed 3" in text
-    other = report.as_text(report.map_table(results | {"config": {"measure": "spectral"}}))
+    other = report.as_text(report.map_table(dataclasses.replace(results, config={"measure": "spectral"})))
     assert "spectral ↑" in other
     assert "AV@R" not in other
 
@@ -407,13 +406,11 @@ def test_latex_is_escaped_and_whole():
 
 
 def test_csv_holds_every_row_of_several_results():
-    one, other = small_results(), small_results(seeds=(5,))
-    other["scene"] = "wings"
-    other["rows"][0]["extra"] = 1.5
+    one, other = small_results(), dataclasses.replace(small_results(seeds=(5,)), scene="wings")
     table = list(csv.DictReader(io.StringIO(report.as_csv(one, other))))
     assert len(table) == 12
-    assert float(table[0]["total_risk_m"]) == one["rows"][0]["total_risk_m"]
-    assert (table[0]["extra"], table[8]["extra"], table[8]["scene"]) == ("", "1.5", "wings")
+    assert float(table[0]["total_risk_m"]) == one.rows[0].total_risk_m
+    assert (table[0]["spl"], table[8]["seed"], table[8]["scene"]) == ("", "5", "wings")
 
 
 # ---- saved runs ---------------------------------------------------------------------------------------------------
@@ -432,7 +429,7 @@ def test_unfinished_runs_are_left_out_and_other_comparisons_stand_apart(done, tm
     half.save(tmp_path / "half.npz")
     other = compare(tmp_path / "other", ["single"], config=TINY.replace(level=0.3))
     merged, left_out = study.gather([done.folder, tmp_path / "half.npz", other.folder])
-    assert [results["config"]["level"] for results in merged] == [0.1, 0.3]
+    assert [results.config["level"] for results in merged] == [0.1, 0.3]
     assert len(left_out) == 1
     assert "half.npz: not finished (2 cycles so far)" in left_out[0]
     with pytest.raises(study.StudyError, match="not finished"):
@@ -455,18 +452,26 @@ def test_a_bad_results_file_is_named(tmp_path, text, says):
 
 
 @pytest.mark.parametrize(
-    "rows", [3, [4], [{"strategy": "single"}], [row(0, 0, psnr_db="high")], [row(0, 0, psnr_db=10**400)]]
+    "rows",
+    [
+        3,
+        [4],
+        [{"strategy": "single"}],
+        [row(0, 0).to_json() | {"psnr_db": "high"}],
+        [row(0, 0).to_json() | {"psnr_db": 10**400}],
+        [row(0, 0).to_json() | {"charm": 1.0}],
+    ],
 )
 def test_bad_rows_are_refused(tmp_path, rows):
-    (tmp_path / "results.json").write_text(json.dumps(small_results() | {"rows": rows}))
+    (tmp_path / "results.json").write_text(json.dumps(small_results().to_json() | {"rows": rows}))
     with pytest.raises(study.StudyError, match="rows"):
         study.gather([tmp_path / "results.json"])
 
 
 @pytest.mark.parametrize("change", [{"robots": "five"}, {"dim": None}, {"scene": 3}, {"config": []}])
 def test_what_is_not_compares_is_refused(tmp_path, change):
-    (tmp_path / "results.json").write_text(json.dumps(small_results() | change))
-    with pytest.raises(study.StudyError, match="config, scene, robots, dim are not those of compare"):
+    (tmp_path / "results.json").write_text(json.dumps(small_results().to_json() | change))
+    with pytest.raises(study.StudyError, match=f"no results of compare .*, {next(iter(change))} must be"):
         study.gather([tmp_path / "results.json"])
 
 

@@ -1,6 +1,7 @@
 """The paper's six tables: their numbers against rows and ledgers summed by hand, the paper's against its own text."""
 
 import csv
+import dataclasses
 import io
 import json
 import re
@@ -9,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mannbv import episode, messages
+from mannbv import episode, messages, metrics
 from mannbv.config import Config
 from mannbv.lab import report, study
 from mannbv.lab.report import communication, paper, quality
+from mannbv.metrics import SCORES
 
 TINY = Config(max_cycles=3, fit_steps=4, image_width=32)
 PAPER = Path(__file__).parents[1].parent / "shared" / "paper.tex"
@@ -26,24 +28,24 @@ def records():
 @pytest.fixture(scope="module")
 def results(records):
     """A real comparison of two robots."""
-    rows = [row for record in records.values() for row in study.rows_of(record)]
+    rows = [row for record in records.values() for row in record.rows]
     return study.assemble("flat", 2, 2, TINY, rows, [study.episode_of(record) for record in records.values()])
 
 
-def told(strategy, splats, sent, counted=None, **extra) -> dict:
-    """An episode as `results.json` tells it."""
+def log(strategy, splats, sent, counted=None, **extra) -> study.EpisodeLog:
+    """An episode as `results.json` has it."""
     cycles = len(splats)
     entry = {
         "strategy": strategy, "seed": 0, "cycles": cycles, "splats": splats,
         "guests": [[0] * len(counts) for counts in splats], "bytes_by_cycle": sent,
         "bytes_paper_by_cycle": counted or sent, "messages": {"Splats": [cycles, sum(sent)]}, "seconds": {"map": 1.0},
     }  # fmt: skip
-    return entry | extra
+    return study.EpisodeLog.from_json(entry | extra)
 
 
-def made_up(n_robots, episodes, dim=3, **scores) -> dict:
+def made_up(n_robots, episodes, dim=3, **scores) -> study.Results:
     rows = [
-        {"strategy": s, "seed": 0, "robot": k, "cycles": 2, "reached": True} | scores
+        metrics.Row(s, 0, k, cycles=2, reached=True, **scores)
         for s in ("centralized", "limited")
         for k in range(n_robots)
     ]
@@ -108,34 +110,34 @@ def test_the_papers_rows_stand_beside_what_our_formula_gives():
 def test_an_episode_is_told_cycle_by_cycle(records, name):
     record = records[name]
     entry = study.episode_of(record)
-    assert entry["cycles"] == len(record.cycles) == 3
-    assert entry["splats"][-1] == [log.splats for log in record.cycles[-1].robots]
-    assert sum(entry["bytes_by_cycle"]) == record.ledger.total() > 0
-    assert sum(entry["bytes_paper_by_cycle"]) == record.ledger.paper_total(name)
+    assert entry.cycles == len(record.cycles) == 3
+    assert entry.splats[-1] == tuple(robot.splats for robot in record.cycles[-1].robots)
+    assert sum(entry.bytes_by_cycle) == record.ledger.total() > 0
+    assert sum(entry.bytes_paper_by_cycle) == record.ledger.paper_total(name)
     second = [row for key, row in record.ledger.rows.items() if key[4] == 1]
-    assert entry["bytes_by_cycle"][1] == sum(n_bytes for _, n_bytes in second)
-    assert sum(count for count, _ in entry["messages"].values()) == record.ledger.messages()
-    assert {kind: n for kind, (_, n) in entry["messages"].items()} == record.ledger.by_kind()
+    assert entry.bytes_by_cycle[1] == sum(n_bytes for _, n_bytes in second)
+    assert sum(count for count, _ in entry.messages.values()) == record.ledger.messages()
+    assert {kind: n for kind, (_, n) in entry.messages.items()} == record.ledger.by_kind()
     spent = sum(sum(log.to_json()["seconds"].values()) for log in record.cycles)
-    assert sum(entry["seconds"].values()) == pytest.approx(spent)
+    assert sum(entry.seconds.values()) == pytest.approx(spent)
 
 
 def test_one_uplink_grows_with_the_maps_as_the_messages_do(records):
     """Whole maps on the wire: as many bytes more from cycle to cycle as there are splats more."""
     entry = study.episode_of(records["centralized"])
-    each = [sum(counts) for counts in entry["splats"]]
-    sent = entry["bytes_paper_by_cycle"]
+    each = [sum(counts) for counts in entry.splats]
+    sent = entry.bytes_paper_by_cycle
     per_splat = np.diff(sent) / np.diff(each)
     wire = (40 + 4 + 9 * 4) * 4 / 3  # the splat, its id, its prior, in base64
     np.testing.assert_allclose(per_splat, wire, rtol=0.02)
-    assert messages.centralized_bytes(entry["splats"][-1], 2) == 40 * each[-1] < sent[-1]
+    assert messages.centralized_bytes(entry.splats[-1], 2) == 40 * each[-1] < sent[-1]
 
 
 def test_results_without_episodes_still_load_and_say_what_to_do(results, tmp_path):
-    old = {key: value for key, value in results.items() if key != "episodes"}
+    old = {key: value for key, value in results.to_json().items() if key != "episodes"}
     (tmp_path / "results.json").write_text(json.dumps(old))
     (merged,), _ = study.gather([tmp_path])
-    assert merged["episodes"] == []
+    assert merged.episodes == ()
     for table in (
         communication.growth_table(merged),
         communication.time_table(merged),
@@ -144,10 +146,10 @@ def test_results_without_episodes_still_load_and_say_what_to_do(results, tmp_pat
         assert table.rows == ()
         assert any("run the same compare again" in note for note in table.notes)
     study.save(results, tmp_path / "results.json")
-    assert study.gather([tmp_path])[0][0]["episodes"] == results["episodes"]
+    assert study.gather([tmp_path])[0][0].episodes == results.episodes
 
 
-GOOD = told("centralized", [[1, 2], [3, 4]], [10, 20])
+GOOD = log("centralized", [[1, 2], [3, 4]], [10, 20])
 
 
 @pytest.mark.parametrize(
@@ -171,12 +173,12 @@ GOOD = told("centralized", [[1, 2], [3, 4]], [10, 20])
 )
 def test_bad_episodes_are_refused(tmp_path, change):
     path = tmp_path / "results.json"
-    good = made_up(2, [GOOD])
+    good, entry = made_up(2, [GOOD]).to_json(), GOOD.to_json()
     path.write_text(json.dumps(good))
-    assert study.load(path)["episodes"] == [GOOD]
-    for wrong in ([GOOD | change], GOOD, [3]):
+    assert study.load(path).episodes == (GOOD,)
+    for wrong in ([entry | change], entry, [3]):
         path.write_text(json.dumps(good | {"episodes": wrong}))
-        with pytest.raises(study.StudyError, match="episodes are not those of compare; run the same compare again"):
+        with pytest.raises(study.StudyError, match=r"no results of compare .*episode.*; run the same compare again"):
             study.gather([path])
 
 
@@ -194,19 +196,19 @@ def test_run_files_are_those_beside_the_results(tmp_path):
 
 def test_growth_shows_five_cycles_the_last_among_them():
     counts = [[100 * c, 7 * c] for c in range(1, 10)]
-    table = communication.growth_table(made_up(2, [told("centralized", counts, [1_000_000 * c for c in range(1, 10)])]))
+    table = communication.growth_table(made_up(2, [log("centralized", counts, [1_000_000 * c for c in range(1, 10)])]))
     assert [row[0] for row in table.rows] == ["cycle 1", "cycle 3", "cycle 5", "cycle 7", "cycle 9"]
     assert cells(table, "cycle 9")[1:] == ("900", "63", f"{963 * 56 / 2**20:.4f}", "9.00", "–")
     assert "the paper's Table III" in table.title
-    plane = communication.growth_table(made_up(2, [told("centralized", counts, [0] * 9)], dim=2))
+    plane = communication.growth_table(made_up(2, [log("centralized", counts, [0] * 9)], dim=2))
     assert cells(plane, "cycle 9")[3:5] == (f"{963 * 40 / 2**20:.4f}", "0")
     assert "Tables III and V" in communication.growth_table(made_up(3, [])).title
-    lonely = communication.growth_table(made_up(2, [told("limited", counts, [0] * 9)]))
+    lonely = communication.growth_table(made_up(2, [log("limited", counts, [0] * 9)]))
     assert "No centralized run here" in lonely.notes[0]
 
 
 def test_both_growth_tables_are_there_and_say_what_to_run():
-    tables = communication.growth_tables([made_up(5, [told("centralized", [[9] * 5], [1])])])
+    tables = communication.growth_tables([made_up(5, [log("centralized", [[9] * 5], [1])])])
     assert [table.name for table in tables] == ["table3-growth-2-robots", "table5-growth-hall-3d-5-robots"]
     assert tables[0].notes[0] == "Of ours: compare hall --dim 3 --robots 2 --out DIR; then tables on all folders."
     assert len(tables[0].paper) == 4
@@ -215,8 +217,8 @@ def test_both_growth_tables_are_there_and_say_what_to_run():
 
 def test_team_sizes_are_compared_at_the_same_cycle():
     def team(n, cycles):
-        central = told("centralized", [[1000 * c] * n for c in range(1, cycles + 1)], [0] * cycles)
-        limited = told("limited", [[1] * n] * cycles, [0] * cycles, [10_000 * n * c for c in range(1, cycles + 1)])
+        central = log("centralized", [[1000 * c] * n for c in range(1, cycles + 1)], [0] * cycles)
+        limited = log("limited", [[1] * n] * cycles, [0] * cycles, [10_000 * n * c for c in range(1, cycles + 1)])
         return made_up(n, [central, limited])
 
     (table,) = communication.team_tables([team(5, 9), team(2, 6)])  # half of six cycles: the third
@@ -225,7 +227,7 @@ def test_team_sizes_are_compared_at_the_same_cycle():
     assert cells(table, "7 robots")[1:4] == ("–", "–", "–")
     assert table.notes[0] == "Planning cycle 3 of every run (its first seed), half way through the shortest."
     assert "--robots N --out DIR for N = 7, 10" in table.notes[-1]
-    elsewhere = team(2, 6) | {"scene": "attic"}
+    elsewhere = dataclasses.replace(team(2, 6), scene="attic")
     assert len(communication.team_tables([team(5, 9), elsewhere])) == 2
 
 
@@ -241,17 +243,17 @@ def test_messages_have_the_mean_size_that_the_ledger_says(results, records):
 
 def test_seconds_are_the_mean_of_a_cycle():
     episodes = [
-        told("limited", [[1, 1]] * 3, [0] * 3, seconds={"map": 6.0, "plan": 0.3}),
-        told("limited", [[1, 1]], [0], seconds={"map": 2.0, "plan": 0.1}, seed=1),
+        log("limited", [[1, 1]] * 3, [0] * 3, seconds={"map": 6.0, "plan": 0.3}),
+        log("limited", [[1, 1]], [0], seconds={"map": 2.0, "plan": 0.1}, seed=1),
     ]
     table = communication.time_table(made_up(2, episodes))
     assert table.rows == (("limited", "4", "2.00", "0.100", "2.10"),)
 
 
 def test_the_order_of_strategies_is_ours_and_the_papers():
-    assert quality.order({"a": 1.0, "b": 3.0, "c": 2.0}, 1, 2) == "b > c > a"
-    assert quality.order({"a": 1.0, "b": 3.0, "c": 2.0}, -1, 2) == "a > c > b"
-    assert quality.order({"a": 1.004, "b": 1.001}, 1, 2) == "a = b"
+    assert quality.order({"a": 1.0, "b": 3.0, "c": 2.0}, SCORES["psnr_db"]) == "b > c > a"
+    assert quality.order({"a": 1.0, "b": 3.0, "c": 2.0}, SCORES["depth_mae_m"]) == "a > c > b"
+    assert quality.order({"a": 1.004, "b": 1.001}, SCORES["psnr_db"]) == "a = b"
     tables = quality.tables_beside([made_up(2, [], psnr_db=18.0)])
     maps, paths, mine, theirs = tables
     assert "By PSNR, best first: ours centralized = limited;" in maps.notes
@@ -278,7 +280,7 @@ def test_all_six_are_told_in_the_papers_order(results):
 
 
 def test_every_table_is_a_csv_that_parses_and_latex_that_balances(results, tmp_path):
-    tables = report.paper_tables([results, results | {"scene": "50 %_&_{a}\\#"}])
+    tables = report.paper_tables([results, dataclasses.replace(results, scene="50 %_&_{a}\\#")])
     files = report.write(tables, tmp_path / "new")
     assert len(set(files)) == 3 * len(tables)
     for table, (text, tex, comma) in zip(tables, zip(*[iter(files)] * 3, strict=True), strict=True):

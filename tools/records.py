@@ -49,7 +49,7 @@ def evaluation(folders: list[Path], out: Path) -> None:
     """Gather what `compare` has left. Raises StudyError, SceneError or OSError for what cannot be read."""
     several, left_out = study.gather(folders)
     print(*left_out, sep="\n", end="\n" * bool(left_out))
-    buildings, runs = [results["scene"] for results in several if results["dim"] == 3], {}
+    buildings, runs = [results.scene for results in several if results.dim == 3], {}
     for path in study.run_files(folders):
         record = episode.load(path)
         if len(record.robots[0].position) == 3 and record.finished:
@@ -57,7 +57,7 @@ def evaluation(folders: list[Path], out: Path) -> None:
     parts = [_building(number, scene, runs[scene]) for number, scene in enumerate(buildings)]
     names = dict.fromkeys(name for part in parts for name in part)
     columns = {name: np.concatenate([part[name] for part in parts if name in part], -1) for name in names}
-    text = archive.to_json([_short(results) for results in several], separators=(",", ":"))
+    text = archive.to_json([_short(results.to_json()) for results in several], separators=(",", ":"))
     columns |= {"results": np.frombuffer(text.encode(), np.uint8), "buildings": np.array(buildings)}
     archive.write(out / "15_evaluation.npz", columns, compressed=True)
 

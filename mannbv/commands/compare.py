@@ -74,7 +74,7 @@ def run(arguments) -> int:
             place, strategies, arguments.seeds, arguments.robots, config, out, arguments.workers, bar
         )
     results = outcome.results
-    if results["rows"]:
+    if results.rows:
         for table in report.tables(results):
             print(report.as_text(table), end="\n\n")
         from mannbv.lab import draw
@@ -97,7 +97,7 @@ def _shown(outcome, place):
     """The record that the figure shows, of a distributed team if there is one, and its world."""
     from mannbv import episode
 
-    done = [(row["strategy"], row["seed"]) for row in outcome.results["rows"]]
+    done = [(row.strategy, row.seed) for row in outcome.results.rows]
     strategy, seed = min(done, key=lambda run: run[0] != "distributed")
     record = outcome.record(strategy, seed)
     return record, episode.draw_team(place, record.n_robots, seed, record.config)

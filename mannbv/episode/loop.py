@@ -14,6 +14,7 @@ from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.episode.record import Record, RecordError, load
 from mannbv.messages import Ledger, Mailbox
+from mannbv.metrics import Row
 from mannbv.team import Mission, Robot
 
 PRIORS = ("recompute", "incremental")
@@ -95,13 +96,13 @@ def _advance(record: Record, mission: Mission) -> Record:
     if settled or number >= config.max_cycles:
         robots = tuple(team.observe(robot, mission, number) for robot in record.robots)
         record = dataclasses.replace(record, robots=robots)
-        return dataclasses.replace(record, rows=tuple(score(record, mission)), finished=True)
+        return dataclasses.replace(record, rows=score(record, mission), finished=True)
     mailbox = Mailbox(config.codec, record.ledger, mission.network)
     robots, log = team.cycle(list(record.robots), mission, mailbox, number)
     return dataclasses.replace(record, cycles=(*record.cycles, log), robots=tuple(robots), ledger=mailbox.ledger)
 
 
-def score(record: Record, mission: Mission) -> list[dict]:
+def score(record: Record, mission: Mission) -> tuple[Row, ...]:
     """A row of `results.json` for each robot; maps are scored as the strategy holds them, guests included."""
     place, config = mission.world, mission.config
     surfaces = metrics.true_surfaces(place)
@@ -118,14 +119,12 @@ def score(record: Record, mission: Mission) -> list[dict]:
         row["cycles"] = sum(log.status != "reached" for log in record.logs(robot.index))
         row |= metrics.travel_scores(place, robot.trail, robot.goal, shortest, reached, robot.collisions)
         row |= metrics.path_scores(belief, place, surfaces, start, robot.goal, shortest, config)
-        row |= {"psnr_db": psnr, "depth_mae_m": mae}
-        row["bytes_sent"] = record.ledger.sent_by(robot.index)
-        row["bytes_received"] = record.ledger.received_by(robot.index)
+        row |= {"psnr_db": psnr, "depth_mae_m": mae} | metrics.traffic(record.ledger, robot.index, record.strategy)
         row["coverage"] = metrics.coverage(belief.ground, reachable, place.ground.lattice(config.cell))
         row["fate"] = "reached" if reached else why_not(robot, config)
         rows.append(row)
     seconds = spent + time.perf_counter() - began
-    return [archive.plain(row) | {"seconds": seconds} for row in rows]
+    return tuple(Row(**archive.plain(row), seconds=seconds) for row in rows)
 
 
 def why_not(robot: Robot, config: Config) -> str:

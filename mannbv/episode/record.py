@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mannbv import archive, mapping
+from mannbv import archive, mapping, metrics
 from mannbv.camera import Frame
 from mannbv.config import Config
 from mannbv.grid import Lattice, Occupancy
 from mannbv.messages import Ledger
+from mannbv.metrics import Row
 from mannbv.team import CycleLog, Guests, Robot, RobotLog
 
 
@@ -24,7 +25,7 @@ class RecordError(ValueError):
 class Record:
     """One episode: what was asked, what happened each cycle, where the robots and their maps stand, the scores.
 
-    cycles: a log each. rows: one dict of scores a robot once the episode has ended.
+    cycles: a log each. rows: the scores of each robot once the episode has ended.
     """
 
     scene: str
@@ -34,7 +35,7 @@ class Record:
     cycles: tuple[CycleLog, ...]
     robots: tuple[Robot, ...]
     ledger: Ledger
-    rows: tuple[dict, ...] = ()
+    rows: tuple[Row, ...] = ()
     finished: bool = False
 
     @property
@@ -50,7 +51,7 @@ class Record:
         about = {
             "scene": self.scene, "strategy": self.strategy, "seed": self.seed, "n_robots": self.n_robots,
             "config": dataclasses.asdict(self.config), "cycles": [log.to_json() for log in self.cycles],
-            "rows": self.rows, "finished": self.finished, "ledger": self.ledger.to_json(),
+            "rows": [row.to_json() for row in self.rows], "finished": self.finished, "ledger": self.ledger.to_json(),
         }  # fmt: skip
         arrays = {"about": _text(about)}
         for robot in self.robots:
@@ -70,14 +71,24 @@ def load(path) -> Record:
         lost = {f.name for f in dataclasses.fields(Config)} - set(about["config"])
         if lost and not about["finished"]:  # it cannot go on as it began
             raise ValueError(f"an unfinished run of another version, without {sorted(lost)[0]}")
+        cycles = tuple(CycleLog.from_json(log, f"cycle {c}") for c, log in enumerate(about["cycles"]))
+        ledger = Ledger.from_json(about["ledger"])
+        rows = tuple(_row(row, ledger) for row in about["rows"])
         return Record(
-            about["scene"], about["strategy"], about["seed"], Config().replace(**about["config"]),
-            tuple(CycleLog.from_json(log, f"cycle {c}") for c, log in enumerate(about["cycles"])), robots,
-            Ledger.from_json(about["ledger"]), tuple(about["rows"]), about["finished"],
+            about["scene"], about["strategy"], about["seed"], Config().replace(**about["config"]), cycles, robots,
+            ledger, rows, about["finished"],
         )  # fmt: skip
     except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
         fault = " ".join(str(error).split())
         raise RecordError(f"{path}: not a whole record ({fault}); delete it and run again") from None
+
+
+def _row(value, ledger: Ledger) -> Row:
+    """A row of any version: earlier ones left bytes by kind to the reader of the ledger."""
+    row = Row.from_json(value, "a row of scores")
+    if row.bytes_paper is not None:
+        return row
+    return dataclasses.replace(row, **metrics.traffic(ledger, row.robot, row.strategy))
 
 
 def to_arrays(robot: Robot) -> dict[str, np.ndarray]:

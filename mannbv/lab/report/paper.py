@@ -2,7 +2,8 @@
 
 BUILDINGS = ("Denmark", "Cantwell", "Ribera", "Swormville")
 
-# Table I, a building each: AV@R [m], PSNR [dB], mean depth error [m]
+# Table I, a building each
+MAP_SCORES = ("total_risk_m", "psnr_db", "depth_mae_m")
 MAPS = {
     "centralized": ((0.85, 19.57, 0.15), (0.29, 17.68, 0.25), (0.82, 18.13, 0.28), (0.63, 20.55, 0.15)),
     "distributed": ((0.72, 18.85, 0.18), (0.22, 16.98, 0.29), (0.75, 17.09, 0.36), (0.61, 20.20, 0.15)),
@@ -24,7 +25,8 @@ GROWTH = {
         ((64_612, 55_718, 34_548, 61_713, 37_310), 13.55),
     ),
 }
-# Table IV, a building each: path longer by [%], AV@R gained [%]
+# Table IV, a building each
+PATH_SCORES = ("path_overhead", "risk_gain_share")
 PATHS = {
     "centralized": ((27.9, 43.1), (27.6, 13.3), (11.7, 20.7), (24.7, 38.1)),
     "distributed": ((29.5, 37.8), (31.6, 12.5), (14.3, 19.7), (28.8, 37.0)),

@@ -6,126 +6,92 @@ from itertools import pairwise
 import numpy as np
 
 from mannbv.lab.report import paper
-from mannbv.lab.report.tabular import Column, Table, about, summary_table
+from mannbv.lab.report.tabular import Table, about, summary_table
+from mannbv.lab.study import Results
+from mannbv.metrics import SCORES, Score
 
-_NAMES = {"avar": "AV@R", "var": "V@R"}
 
-
-def map_table(results: dict) -> Table:
+def map_table(results: Results) -> Table:
     """Map quality and risk, as in the paper's Table I; risk and clearance of the same paths on the true surfaces."""
-    risk = _risk(results)
-    columns = [
-        Column("total_risk_m", (f"{risk} ↑", "own map", "[m]")),
-        Column("total_risk_true_m", (f"{risk} ↑", "true surfaces", "[m]")),
-        Column("reference_clearance_m", ("least", "clearance ↑", "[m]")),
-        Column("psnr_db", ("PSNR ↑", "", "[dB]")),
-        Column("depth_mae_m", ("depth error ↓", "mean absolute", "[m]")),
-    ]
+    keys = ("total_risk_m", "total_risk_true_m", "reference_clearance_m", "psnr_db", "depth_mae_m")
     title = f"Map quality and risk: {about(results)} (the paper's Table I)"
-    return summary_table(results, title, columns, _fates(results), "table1-maps")
+    return summary_table(results, title, [SCORES[key] for key in keys], _fates(results), "table1-maps")
 
 
-def path_table(results: dict) -> Table:
+def path_table(results: Results) -> Table:
     """Path and risk, as in the paper's Table IV: both against the shortest feasible path on the true plan."""
-    risk = _risk(results)
-    columns = [
-        Column("path_overhead", ("longer than", "shortest ↓", "[%]"), 100.0, 1),
-        Column("risk_gain_share", (f"{risk} gain ↑", "own map", "[%]"), 100.0, 1),
-        Column("risk_gain_m", (f"{risk} gain ↑", "own map", "[m]")),
-        Column("risk_gain_true_share", (f"{risk} gain ↑", "true surfaces", "[%]"), 100.0, 1),
-        Column("risk_gain_true_m", (f"{risk} gain ↑", "true surfaces", "[m]")),
-        Column("min_clearance_m", ("least clearance", "driven ↑", "[m]")),
-    ]
+    keys = (
+        "path_overhead", "risk_gain_share", "risk_gain_m", "risk_gain_true_share", "risk_gain_true_m",
+        "min_clearance_m",
+    )  # fmt: skip
     title = f"Path and risk: {about(results)} (the paper's Table IV)"
     notes = ("Gains in percent are of the shortest paths' risk, team by team.",)
-    return summary_table(results, title, columns, notes, "table4-paths")
+    return summary_table(results, title, [SCORES[key] for key in keys], notes, "table4-paths")
 
 
-def tables_beside(several: list[dict]) -> list[Table]:
+def tables_beside(several: list[Results]) -> list[Table]:
     """Tables I and IV of each of several results with the order of the strategies, ours and the paper's; and the
     paper's own two tables."""
     beside = []
     for results in several:
-        risk = _risk(results)
-        maps = (
-            ("total_risk_m", f"{risk} on the own map", 1, 2),
-            ("psnr_db", "PSNR", 1, 2),
-            ("depth_mae_m", "depth", -1, 2),
-            ("total_risk_true_m", f"{risk} on the true surfaces", 1, 2),
-        )
-        paths = (
-            ("path_overhead", "path length", -1, 3),
-            ("risk_gain_share", f"{risk} gain on the own map", 1, 3),
-            ("risk_gain_true_share", f"{risk} gain on the true surfaces", 1, 3),
-        )
         beside += [
-            _with(map_table(results), _orders(results, maps, paper.MAPS)),
-            _with(path_table(results), _orders(results, paths, paper.PATHS)),
+            _with(map_table(results), _orders(results, paper.MAPS, paper.MAP_SCORES, "total_risk_true_m")),
+            _with(path_table(results), _orders(results, paper.PATHS, paper.PATH_SCORES, "risk_gain_true_share")),
         ]
-    maps, paths = ("AV@R ↑ [m]", "PSNR ↑ [dB]", "depth ↓ [m]"), ("longer ↓ [%]", "AV@R gain ↑ [%]")
-    return [*beside, _printed("I", 1, paper.MAPS, maps, 2), _printed("IV", 4, paper.PATHS, paths, 1)]
+    maps, paths = _printed("I", 1, paper.MAPS, paper.MAP_SCORES), _printed("IV", 4, paper.PATHS, paper.PATH_SCORES)
+    return [*beside, maps, paths]
 
 
 def _with(table: Table, notes: list[str]) -> Table:
     return dataclasses.replace(table, notes=(*table.notes, *notes))
 
 
-def _printed(numeral: str, number: int, scores: dict, columns: tuple[str, ...], decimals: int) -> Table:
-    heads = (("", "building"), ("", "strategy"), *(tuple(column.rsplit(" ", 1)) for column in columns))
+def _printed(numeral: str, number: int, printed: dict, keys: tuple[str, ...]) -> Table:
+    scores = [SCORES[key] for key in keys]
+    heads = (("", "building"), ("", "strategy"), *((score.head[0], score.head[2]) for score in scores))
     rows = [
-        (building, name, *(f"{value:.{decimals}f}" for value in parts[k]))
+        (building, name, *(f"{value:.{score.decimals}f}" for value, score in zip(parts[k], scores, strict=True)))
         for k, building in enumerate(paper.BUILDINGS)
-        for name, parts in scores.items()
+        for name, parts in printed.items()
     ]
     title = f"The paper's own Table {numeral}: other buildings, another simulator and camera"
     notes = ("Only the order of the strategies compares with ours.",)
     return Table(title, heads, tuple(rows), notes, name=f"table{number}-paper")
 
 
-def _orders(results: dict, keys: tuple, printed: dict) -> list[str]:
-    """For each score our order of the strategies, best first, and that of the paper's mean over its buildings.
-
-    The scores that the paper does not print come last.
-    """
-    several = len(results["seeds"]) > 1
+def _orders(results: Results, printed: dict, keys: tuple[str, ...], *unprinted: str) -> list[str]:
+    """For each score our order of the strategies, best first, and that of the paper's mean over its buildings."""
+    several = len(results.seeds) > 1
     lines = [f"Orders of means: {'a difference within ± tells nothing' if several else 'one seed tells little'}."]
     means = {strategy: np.mean(scores, 0).tolist() for strategy, scores in printed.items()}
-    for column, (key, name, sign, decimals) in enumerate(keys):
-        ours = {s: metrics[key]["mean"] for s, metrics in results["summary"].items() if key in metrics}
+    for column, key in enumerate((*keys, *unprinted)):
+        score = SCORES[key].of(results.constant("measure", "avar"))
+        ours = {s: scores[key].mean * score.scale for s, scores in results.summary.items() if key in scores}
         theirs = {s: scores[column] for s, scores in means.items() if column < len(scores)}
-        lines.append(f"By {name}, best first: ours {order(ours, sign, decimals)};")
-        ranked = f"mean of four buildings {order(theirs, sign, 2)}" if theirs else "tables have no such score"
-        lines.append(f"  the paper's {ranked}.")
+        lines.append(f"By {score.label}, best first: ours {order(ours, score)};")
+        beside = f"mean of four buildings {order(theirs, score)}" if theirs else "tables have no such score"
+        lines.append(f"  the paper's {beside}.")
     return lines
 
 
-def order(scores: dict[str, float], sign: int, decimals: int) -> str:
-    """Names by falling (sign 1) or rising (−1) score, such as "a > b = c"; equal is what is printed alike."""
-    names = sorted(scores, key=lambda name: -sign * scores[name])
+def order(means: dict[str, float], score: Score) -> str:
+    """Names, the best score first, such as "a > b = c"; means as printed, and equal is what is printed alike."""
+    names = sorted(means, key=lambda name: -score.better * means[name])
     text = names[0] if names else "none"
     for before, name in pairwise(names):
-        alike = f"{scores[before]:.{decimals}f}" == f"{scores[name]:.{decimals}f}"
+        alike = f"{means[before]:.{score.decimals}f}" == f"{means[name]:.{score.decimals}f}"
         text += f" {'=' if alike else '>'} {name}"
     return text
 
 
-def _risk(results: dict) -> str:
-    measure = str(results["config"].get("measure", "avar"))
-    return _NAMES.get(measure, measure)
-
-
-def _fates(results: dict) -> tuple[str, ...]:
+def _fates(results: Results) -> tuple[str, ...]:
     """How many robots reached their goals, collisions, and what kept each of the others."""
-    by_strategy = {}
-    for row in results["rows"]:
-        by_strategy.setdefault(row["strategy"], []).append(row)
-    reached, bumps = [], []
-    for name, rows in by_strategy.items():
-        reached.append(f"{name} {sum(bool(r.get('reached')) for r in rows)}/{len(rows)}")
-        bumps.append(f"{name} {sum(r.get('collisions') or 0 for r in rows)}")
+    teams = {name: results.of(name) for name in results.summary}
+    reached = [f"{name} {sum(bool(row.reached) for row in rows)}/{len(rows)}" for name, rows in teams.items()]
+    bumps = [f"{name} {sum(row.collisions or 0 for row in rows)}" for name, rows in teams.items()]
     failed = [
-        f"  {r['strategy']}, seed {r['seed']}, robot {r['robot']}: {r.get('fate') or 'did not reach its goal'}"
-        for r in results["rows"]
-        if not r.get("reached")
+        f"  {row.strategy}, seed {row.seed}, robot {row.robot}: {row.fate or 'did not reach its goal'}"
+        for row in results.rows
+        if not row.reached
     ]
     return (f"At their goals: {', '.join(reached)}.", f"Collisions: {', '.join(bumps)}.", *failed)

@@ -2,14 +2,15 @@
 
 from mannbv.lab.report import communication, quality
 from mannbv.lab.report.tabular import Table
+from mannbv.lab.study import Results
 
 
-def tables(results: dict) -> list[Table]:
+def tables(results: Results) -> list[Table]:
     """What `compare` prints of its `results.json`: map quality and risk, path and risk, bytes."""
     return [quality.map_table(results), quality.path_table(results), *communication.bytes_tables(results)]
 
 
-def paper_tables(several: list[dict]) -> list[Table]:
+def paper_tables(several: list[Results]) -> list[Table]:
     """The paper's six tables in its order, for the contents of several `results.json`, each beside what it prints.
 
     Table II, bytes of a robot, a team and a message; III and V, growth of centralized maps for two and five robots;

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mannbv import archive
+from mannbv.lab.study import Mean, Results
+from mannbv.metrics import Score
 
 NONE = "–"
 
@@ -27,38 +29,28 @@ class Table:
     name: str = "table"
 
 
-@dataclass(frozen=True)
-class Column:
-    """One metric of a summary. scale: factor on its values; decimals: None for three digits or more; spread: with its
-    interval."""
-
-    key: str
-    head: tuple[str, ...]
-    scale: float = 1.0
-    decimals: int | None = 2
-    spread: bool = True
-
-
-def summary_table(results: dict, title: str, columns: list[Column], notes: tuple[str, ...], name="table") -> Table:
-    """A row a strategy, from the summary of `results.json`."""
-    heads = (("", "", "strategy"), *(column.head for column in columns))
-    rows = [(strategy, *(_cell(metrics, c) for c in columns)) for strategy, metrics in results["summary"].items()]
-    if any(metrics.get(c.key, {}).get("interval") for metrics in results["summary"].values() for c in columns):
-        spread = f"±: half of the 95 % interval, Student's t over the means of {len(results['seeds'])} seeds."
+def summary_table(results: Results, title: str, scores: list[Score], notes: tuple[str, ...], name="table") -> Table:
+    """A row a strategy, a column a score, from the summary; what is neither better nor worse has no interval."""
+    measure, summary = results.constant("measure", "avar"), results.summary
+    heads = (("", "", "strategy"), *(score.of(measure).head for score in scores))
+    rows = [
+        (strategy, *(_cell(means.get(score.key), score) for score in scores)) for strategy, means in summary.items()
+    ]
+    if any(" ± " in cell for row in rows for cell in row):
+        spread = f"±: half of the 95 % interval, Student's t over the means of {len(results.seeds)} seeds."
         notes = (spread, *notes)
     return Table(title, heads, tuple(rows), notes, name=f"{name}-{slug(results)}")
 
 
-def _cell(metrics: dict, column: Column) -> str:
-    entry = metrics.get(column.key)
+def _cell(entry: Mean | None, score: Score) -> str:
     if entry is None:
         return NONE
-    mean, decimals = entry["mean"] * column.scale, column.decimals
+    mean, decimals = entry.mean * score.scale, score.decimals
     if decimals is None:
         decimals = next((k for k, least in enumerate((99.95, 9.995)) if abs(mean) >= least or mean == 0), 2)
     text = f"{mean:,.{decimals}f}"
-    if entry["interval"] and column.spread:
-        half = (entry["interval"][1] - entry["interval"][0]) / 2 * column.scale
+    if entry.interval and score.better:
+        half = (entry.interval[1] - entry.interval[0]) / 2 * score.scale
         text += f" ± {half:,.{decimals}f}"
     return text
 
@@ -68,11 +60,11 @@ def digits(value: float) -> str:
     return f"{value:,.{min(5, max(0, 2 - math.floor(math.log10(value) + 1e-9)))}f}" if value else "0"
 
 
-def about(results: dict) -> str:
+def about(results: Results) -> str:
     """Scene, team and seeds, for a title."""
-    robots, seeds = results["robots"], results["seeds"]
+    robots, seeds = results.robots, results.seeds
     which = f"seed {seeds[0]}" if len(seeds) == 1 else f"{len(seeds)} seeds"
-    return f"{setting(results['scene'], results['dim'])}, {robots} robot{'s' * (robots != 1)}, {which}"
+    return f"{setting(results.scene, results.dim)}, {robots} robot{'s' * (robots != 1)}, {which}"
 
 
 def setting(scene: str, dim: int) -> str:
@@ -80,9 +72,9 @@ def setting(scene: str, dim: int) -> str:
     return scene + {3: " in 3-D"}.get(dim, "")
 
 
-def slug(results: dict) -> str:
+def slug(results: Results) -> str:
     """Scene and team, for a file's name."""
-    return f"{file_name(results['scene'])}-{results['dim']}d-{results['robots']}-robots"
+    return f"{file_name(results.scene)}-{results.dim}d-{results.robots}-robots"
 
 
 def file_name(scene: str) -> str:
@@ -145,12 +137,14 @@ def _plain(cell: str) -> str:
     return "" if cell == NONE else cell.replace(",", "")
 
 
-def as_csv(*several: dict) -> str:
-    """The rows of results, one robot a line, with all columns that any row has."""
-    about = ("scene", "dim", "robots")
-    rows = [{key: results[key] for key in about} | row for results in several for row in results["rows"]]
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    return _written([columns, *([row.get(key) for key in columns] for row in rows)])
+def as_csv(*several: Results) -> str:
+    """The rows of results, one robot a line, with its scene and team."""
+    lines = [
+        {"scene": results.scene, "dim": results.dim, "robots": results.robots} | row.to_json()
+        for results in several
+        for row in results.rows
+    ]
+    return _written([lines[0], *(line.values() for line in lines)])
 
 
 def _written(rows: Iterable) -> str:

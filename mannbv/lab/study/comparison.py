@@ -13,7 +13,8 @@ from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.lab.study import results
 from mannbv.lab.study import workers as pool
-from mannbv.lab.study.results import StudyError
+from mannbv.lab.study.cycles import episode_of
+from mannbv.lab.study.results import Results, StudyError
 from mannbv.lab.study.workers import EpisodeProgress, Job
 
 
@@ -42,7 +43,7 @@ class Progress:
 class Outcome:
     """What `compare` hands back: the content of results.json, its folder, and a line for each episode that failed."""
 
-    results: dict
+    results: Results
     folder: Path
     failures: tuple[str, ...] = ()
 
@@ -100,7 +101,8 @@ def compare(
     faults = pool.run(jobs, workers, watch)
     for job in jobs:
         if job not in faults:
-            found[job.strategy, job.seed] = _entries(episode.load(job.path))
+            record = episode.load(job.path)
+            found[job.strategy, job.seed] = record.rows, episode_of(record)
     rows = [row for rows, _ in found.values() for row in rows]
     table = results.assemble(place.name, place.dim, n_robots, config, rows, [entry for _, entry in found.values()])
     if found:
@@ -140,7 +142,7 @@ def _make(folder: Path) -> None:
 
 
 def _finished(folder: Path, place, n_robots: int, config: Config) -> dict[tuple[str, int], tuple]:
-    """What finished runs in a folder tell. Raises StudyError if it holds another comparison, or another's results."""
+    """Rows and log of each finished run. Raises StudyError if the folder holds another comparison, or its results."""
     found = {}
     for path in sorted(folder.glob("runs/*.npz")):
         record = episode.load(path)
@@ -150,14 +152,10 @@ def _finished(folder: Path, place, n_robots: int, config: Config) -> dict[tuple[
                 f"{folder}: holds another comparison ({other}); choose another --out, or delete it to start afresh"
             )
         if record.finished:
-            found[record.strategy, record.seed] = _entries(record)
+            found[record.strategy, record.seed] = record.rows, episode_of(record)
     if not found and (folder / "results.json").exists() and not any(folder.glob("runs/*.npz")):
         raise StudyError(f"{folder}: holds results.json but no runs; choose another --out, or move that file away")
     return found
-
-
-def _entries(record: episode.Record) -> tuple[list[dict], dict]:
-    return results.rows_of(record), results.episode_of(record)
 
 
 def _difference(record: episode.Record, place, n_robots: int, config: Config) -> str:

@@ -13,7 +13,7 @@ from mannbv.camera import Camera, Frame
 from mannbv.config import Config
 from mannbv.episode import Record
 from mannbv.lab.study.resampling import Estimate, bootstrap, pearson, ranks, weighted_mean
-from mannbv.lab.study.results import StudyError
+from mannbv.lab.study.results import Results, StudyError
 from mannbv.lab.study.summary import per_seed
 from mannbv.mapping import LocalMap
 from mannbv.team import RobotLog
@@ -41,8 +41,8 @@ class Agreement:
 
 
 def reduced(
-    flat_results: dict | Iterable[dict],
-    space_results: dict | Iterable[dict],
+    flat_results: Results | Iterable[Results],
+    space_results: Results | Iterable[Results],
     rng: np.random.Generator | None = None,
     draws: int = 1000,
 ) -> dict[str, Agreement]:
@@ -65,7 +65,7 @@ def reduced(
     for metric in METRICS:
         table = np.full((2, len(units), len(names)), np.nan)
         for building, strategy, seed in shared:
-            both = [side[building, strategy, seed][1].get(metric) for side in (flat, space)]
+            both = [side[building, strategy, seed][1][metric] for side in (flat, space)]
             if None not in both:
                 table[:, units.index((building, seed)), names.index(strategy)] = both
         if np.isfinite(table).any():
@@ -73,17 +73,17 @@ def reduced(
     return found
 
 
-def _cells(several: dict | Iterable[dict]) -> dict[tuple, tuple[int, dict]]:
+def _cells(several: Results | Iterable[Results]) -> dict[tuple, tuple[int, dict]]:
     """(building, strategy, seed) → (dim, metric → mean over the team)."""
     cells = {}
-    for results in [several] if isinstance(several, dict) else several:
-        for strategy, seeds in per_seed(results["rows"]).items():
+    for results in [several] if isinstance(several, Results) else several:
+        for strategy, seeds in per_seed(results.rows).items():
             for seed, means in seeds.items():
-                key = (results["scene"], results["robots"]), strategy, seed
+                key = (results.scene, results.robots), strategy, seed
                 if key in cells:
-                    about = f"{results['scene']}, {strategy}, seed {seed}"
+                    about = f"{results.scene}, {strategy}, seed {seed}"
                     raise StudyError(f"reduced: {about}, is there twice; give results of one set of constants only")
-                cells[key] = results["dim"], means
+                cells[key] = results.dim, means
     return cells
 
 

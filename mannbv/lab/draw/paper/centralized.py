@@ -13,6 +13,7 @@ from mannbv.lab.draw.canvas import COLORS, INK, placed, robot_color
 from mannbv.lab.draw.paper import page
 from mannbv.lab.draw.paper.page import GAP, HEAD, LEFT, RIGHT
 from mannbv.lab.draw.team import Window
+from mannbv.lab.study import EpisodeLog
 
 _SHOWN, _CURVES = 5, 2.4
 _MIB, _MB = 2**-20, 1e-6
@@ -20,8 +21,8 @@ _MIB, _MB = 2**-20, 1e-6
 
 def growth_figure(record: Record) -> Figure:
     """Above: the global map ⊔ G_i at five cycles; below: its splats, one uplink of them, and the bytes sent so far."""
-    whole, entry = team.known(record), study.episode_of(record)
-    picks = study.picked(entry["cycles"], _SHOWN)
+    whole, log = team.known(record), study.episode_of(record)
+    picks = study.picked(log.cycles, _SHOWN)
     if not picks:
         raise ValueError(f"{record.scene}, {record.strategy}: no cycle was run yet")
     width = page.column_width(_SHOWN)
@@ -38,15 +39,15 @@ def growth_figure(record: Record) -> Figure:
         )  # fmt: skip
         for k, cycle in enumerate(picks):
             ax = placed(made, LEFT + k * (width + GAP), HEAD + 0.15, width, tall)
-            _map(ax, record, entry, cycle, whole)
-        _sizes(placed(made, LEFT + 0.15, below, half, _CURVES), record, entry)
-        _sent(placed(made, LEFT + 0.15 + half + 1.95, below, half, _CURVES), entry)
+            _map(ax, record, log, cycle, whole)
+        _sizes(placed(made, LEFT + 0.15, below, half, _CURVES), record, log)
+        _sent(placed(made, LEFT + 0.15 + half + 1.95, below, half, _CURVES), log)
     return made
 
 
-def _map(ax: Axes, record: Record, entry: dict, cycle: int, whole: Window) -> None:
+def _map(ax: Axes, record: Record, log: EpisodeLog, cycle: int, whole: Window) -> None:
     """The global map as it was in a cycle."""
-    counts = entry["splats"][cycle]
+    counts = log.splats[cycle]
     ground = record.robots[0].ground.merged(*(robot.ground for robot in record.robots[1:]))
     parts.ground(ax, ground)
     held = [
@@ -54,8 +55,8 @@ def _map(ax: Axes, record: Record, entry: dict, cycle: int, whole: Window) -> No
         for robot, count in zip(record.robots, counts, strict=True)
     ]
     page.from_above(ax, splats.union(*held), record.robots[0].position[2:], record.config, opacity=0.7)
-    for k, log in enumerate(record.cycles[cycle].robots):
-        team.badge(ax, log.position, k, 9)
+    for k, robot in enumerate(record.cycles[cycle].robots):
+        team.badge(ax, robot.position, k, 9)
     page.bare(ax, whole)
     team.scale_bar(ax, whole)
     size = messages.centralized_bytes(counts, record.robots[0].local.splats.dim) * _MIB
@@ -63,9 +64,9 @@ def _map(ax: Axes, record: Record, entry: dict, cycle: int, whole: Window) -> No
     ax.set_title(title, loc="left", fontsize=10)
 
 
-def _sizes(ax: Axes, record: Record, entry: dict) -> None:
+def _sizes(ax: Axes, record: Record, log: EpisodeLog) -> None:
     """Splats of every robot, stacked, and on the right the size of one uplink of all maps."""
-    counts = np.array(entry["splats"]).T
+    counts = np.array(log.splats).T
     cycles = np.arange(counts.shape[1]) + 1
     names = [f"robot {k}" for k in range(record.n_robots)]
     ax.stackplot(cycles, counts, colors=[robot_color(k) for k in range(record.n_robots)], labels=names, alpha=0.85)
@@ -77,15 +78,15 @@ def _sizes(ax: Axes, record: Record, entry: dict) -> None:
     ax.legend(loc="upper left", frameon=False, fontsize=8, ncols=1 + record.n_robots // 6)
 
 
-def _sent(ax: Axes, entry: dict) -> None:
+def _sent(ax: Axes, log: EpisodeLog) -> None:
     """Bytes since the start."""
-    cycles = np.arange(entry["cycles"]) + 1
+    cycles = np.arange(log.cycles) + 1
     curves = (
-        ("bytes_by_cycle", "really sent, every link", COLORS[1], "-"),
-        ("bytes_paper_by_cycle", "the paper's count: one uplink of each map", INK, "--"),
+        (log.bytes_by_cycle, "really sent, every link", COLORS[1], "-"),
+        (log.bytes_paper_by_cycle, "the paper's count: one uplink of each map", INK, "--"),
     )
-    for key, name, color, line in curves:
-        ax.plot(cycles, np.cumsum(entry[key]) * _MB, color=color, linestyle=line, linewidth=2, label=name)
+    for sizes, name, color, line in curves:
+        ax.plot(cycles, np.cumsum(sizes) * _MB, color=color, linestyle=line, linewidth=2, label=name)
     ax.set_ylabel("sent since the start [MB]")
     _over_cycles(ax, "Bytes of the whole team", cycles)
     ax.legend(loc="upper left", frameon=False)

@@ -68,7 +68,7 @@ def _held(ax: Axes, record: Record, k: int, whole: Window) -> None:
 def _bytes(ax: Axes, records) -> None:
     """The bytes of splats that each record's team shared in every cycle."""
     for record, (color, marker) in zip(records, _LINES, strict=True):
-        sizes = np.array(study.episode_of(record)["bytes_paper_by_cycle"]) * _MB
+        sizes = np.array(study.episode_of(record).bytes_paper_by_cycle) * _MB
         style = {"color": color, "marker": marker, "markersize": 4, "linewidth": 1.6}
         ax.plot(
             np.arange(len(sizes)) + 1,

@@ -1,14 +1,15 @@
-"""Scores of a robot from the world, its map and its path (Section VI-C); never from a record."""
+"""Scores of a robot from the world, its map, its path and what it sent (Section VI-C); never from a record."""
 
 import math
 
 import numpy as np
 import torch
 
-from mannbv import geometry, grid, planner, render, risk
+from mannbv import geometry, grid, messages, planner, render, risk
 from mannbv.belief import Belief
 from mannbv.camera import Camera
 from mannbv.config import Config
+from mannbv.messages import Ledger
 from mannbv.splats import SplatMap
 from mannbv.world import World
 
@@ -101,3 +102,18 @@ def coverage(occupancy: grid.Occupancy, reachable: np.ndarray, lattice: grid.Lat
     centers = lattice.centers(np.argwhere(reachable))
     seen = occupancy.lattice.at(occupancy.state, centers, grid.UNKNOWN) != grid.UNKNOWN
     return float(seen.mean()) if len(seen) else math.nan
+
+
+def traffic(ledger: Ledger, robot: int, strategy: str) -> dict[str, int]:
+    """What a robot sent and received [B], what it sent of every kind, and its part of the paper's count."""
+
+    def of(place: int) -> Ledger:
+        return Ledger({key: row for key, row in ledger.rows.items() if key[place] == robot})
+
+    kinds = of(0).by_kind()
+    return {
+        "bytes_sent": ledger.sent_by(robot),
+        "bytes_received": ledger.received_by(robot),
+        **{f"bytes_{kind.__name__.lower()}": kinds.get(kind.__name__, 0) for kind in messages.KINDS},
+        "bytes_paper": of(2).paper_total(strategy),
+    }
