@@ -1,5 +1,6 @@
 """tools/records.py: what notebook 15 reads is what was run, shortened as it says, and faults are named in one line."""
 
+import dataclasses
 import importlib.util
 import itertools
 import json

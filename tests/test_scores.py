@@ -4,6 +4,7 @@ import ast
 import dataclasses
 import json
 import pickle
+import re
 from pathlib import Path
 
 import pytest
@@ -64,7 +65,7 @@ def sources():
     for path in sorted((ROOT.parent / "notebooks").glob("*.ipynb")):
         for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
             if cell["cell_type"] == "code":
-                yield path.name, "".join(line for line in cell["source"] if not line.lstrip().startswith(("%", "!")))
+                yield path.name, re.sub(r"^(\s*)[%!].*", r"\1pass", "".join(cell["source"]), flags=re.M)
 
 
 LABELS = {score.label for score in SCORES.values()} - set(SCORES)  # "collisions" is both, and a field

@@ -260,7 +260,7 @@ def test_the_order_of_strategies_is_ours_and_the_papers():
     means = {name: np.mean([scores[1] for scores in parts]) for name, parts in paper.MAPS.items()}
     best = sorted(means, key=means.get, reverse=True)
     assert f"  the paper's mean of four buildings {' > '.join(best)}." in maps.notes
-    assert "By path length, best first: ours none;" in paths.notes
+    assert "By path overhead, best first: ours none;" in paths.notes
     assert "Orders of means: one seed tells little." in maps.notes
     assert ("Ribera", "single", "0.57", "14.65", "0.42") in mine.rows
     assert ("Cantwell", "limited", "29.8", "13.3") in theirs.rows
