@@ -1,5 +1,6 @@
 """The team's objective, and the paper's propositions 1 and 2 and lemma 1 as laws, with what breaks the lemma."""
 
+import dataclasses
 import itertools
 import math
 
@@ -11,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from mannbv import geometry, information, objective, splats
+from mannbv import consensus, geometry, information, objective, splats
 from mannbv.belief import Belief
 from mannbv.config import Config
 from mannbv.grid import FREE, Lattice, Occupancy
@@ -248,6 +249,9 @@ def test_the_teams_objective_by_hand(rng):
         objective.team(gains, grid[[0, 5, 35, 9]]), sum(gains[:, k, c].sum() for k, c in enumerate([0, 5, 35, 9]))
     )
     assert_allclose(objective.team(gains, np.full(n, math.pi)), gains[:, :, 0].sum())
+    top = consensus.best_yaws(gains.sum(0), yaws)
+    assert objective.team(gains, top) == objective.best(gains) == gains.sum(0).max(1).sum()
+    assert all(objective.team(gains, some) <= objective.best(gains) for some in rng.uniform(-7, 7, (200, n)))
 
 
 def test_what_a_robot_serves_is_the_profile_of_the_masked_zone(rng):
@@ -272,6 +276,16 @@ def test_the_zone_of_an_empty_map_is_empty():
     assert torch.isinf(zone.risk).all()
     assert_allclose(zone.radii, CONFIG.r_min)
     assert zone.weights.shape == zone.selected.shape == (0,)
+
+
+def test_a_vague_splat_on_the_path_does_not_mask_the_whole_world():
+    vague = splats_at([0.0, 0.0], [12.0, 0.0])
+    vague = dataclasses.replace(vague, log_scales=torch.tensor([[1.0, 1.0], [-3.0, -3.0]], dtype=torch.float64))
+    belief, path = Belief(vague, torch.zeros(2, 9, dtype=torch.float64)), np.zeros((1, 2))
+    bounded, literal = (objective.zone(belief, path, CONFIG.replace(r_max=r_max)) for r_max in (10.0, 0.0))
+    assert bounded.radii.tolist() == [10.0] and bounded.selected.tolist() == [True, False]
+    assert_allclose(literal.radii, 0.5 + torch.exp(-2.0 * literal.risk))
+    assert literal.selected.all()
 
 
 @pytest.mark.parametrize("dim", [2, 3])
