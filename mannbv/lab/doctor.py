@@ -307,7 +307,7 @@ def examine_apart(checks: Sequence[Check]) -> Iterator[Finding]:
     """As `examine`, in a process of its own each time one has crashed: the checks behind it are still made."""
     names = [check.__name__ for check in checks]
     while names:
-        code = f"from mannbv import doctor; doctor.print_findings({names})"
+        code = f"from mannbv.lab import doctor; doctor.print_findings({names})"
         try:
             done = subprocess.run(
                 [sys.executable, "-c", code], capture_output=True, text=True, errors="replace", timeout=PATIENCE
