@@ -52,7 +52,8 @@ _KINDS = {int: (numbers.Integral, "a whole number"), float: (numbers.Real, "a fi
 _POSITIVE = frozenset([
     "image_width", "image_height", "fov", "max_depth", "step", "turn", "cell", "insert_spacing", "insert_scale",
     "sigma_color", "sigma_depth", "n_subgoals", "r_min", "beta1", "beta2", "gamma1", "risk_scale", "stride", "reach",
-    "penalty", "penalty_growth", "scout_pixels", "free_share", "subgoal_yaws", "path_spacing",
+    "penalty", "penalty_growth", "scout_pixels", "free_share", "subgoal_yaws", "path_spacing", "primal_rate",
+    "evidence_hit", "evidence_pass", "evidence_free", "evidence_occupied", "adam_epsilon",
 ])  # fmt: skip
 
 
@@ -74,13 +75,22 @@ class Config:
     cell: float = _constant(0.05, "m", "cell of the occupancy grid", "paper VI-B")
     scout_pixels: int = _constant(128, "px", "a side of the image that only carves the ground, at most")
     free_share: float = _constant(0.7071067811865476, "1", "share of max_depth that is free where nothing is in range")
+    # the ground, as log-odds of "occupied"
+    evidence_hit: float = _constant(2.0, "1", "what a surface met in a cell adds; more than several passes")
+    evidence_pass: float = _constant(0.4, "1", "what a ray through a cell takes away")
+    evidence_doubt: float = _constant(0.1, "1", "… in 3-D, where something was hit: it may hang above the ray")
+    evidence_free: float = _constant(4.0, "1", "no cell is surer than this to be free")
+    evidence_occupied: float = _constant(8.0, "1", "… and than this to be occupied")
+    low_ray: float = _constant(0.2, "m", "in 3-D a ray is low up to this above body_low; one that ends as far below falls into a hole")
+    ground_margin: float = _constant(1.0, "m", "around what is known, the robot and its goal, that a robot plans on")
     camera_height: float = _constant(1.25, "m", "of the camera above the floor, in 3-D only", "Habitat's default")
     body_low: float = _constant(0.1, "m", "in 3-D robots step over what is lower", "a public active-mapping harness")
     body_high: float = _constant(1.3, "m", "in 3-D robots pass below what is higher", "a public active-mapping harness")
     # mapping, Eq. (2)
     depth_weight: float = _constant(0.5, "1", "ψ, weight of depth in the mapping loss, Eq. (2)")
     explained_opacity: float = _constant(0.7, "1", "a pixel more opaque than this may be explained by the map")
-    explained_depth: float = _constant(0.05, "1", "… if its depth differs by less than this share (and 5 cm)")
+    explained_depth: float = _constant(0.05, "1", "… if its depth differs by less than this share of it")
+    explained_near: float = _constant(1.0, "m", "… or of this, where it is nearer")
     insert_opacity: float = _constant(0.8, "1", "opacity of a new splat")
     insert_spacing: int = _constant(1, "px", "at most one new splat in a square of so many pixels a side")
     insert_scale: float = _constant(0.6, "1", "std of a new splat, as a share of that spacing at its depth")
@@ -90,6 +100,14 @@ class Config:
     moments: str = _constant("fresh", "", "Adam's memory: fresh each keyframe (moves all) or kept (moves what is seen)")
     densify_error: float = _constant(1.0, "1", "half way, a pixel wrong by more than this gets a splat; 1: never")
     learning_rate: float = _constant(1.0, "1", "factor on every parameter group's learning rate")
+    rate_mean: float = _constant(0.002, "m", "Adam's step for means")
+    rate_scale: float = _constant(0.03, "1", "Adam's step for log-scales")
+    rate_rotation: float = _constant(0.03, "1", "Adam's step for rotations, complex numbers or quaternions")
+    rate_opacity: float = _constant(0.05, "1", "Adam's step for opacity logits")
+    rate_color: float = _constant(0.02, "1", "Adam's step for colours")
+    adam_beta1: float = _constant(0.8, "1", "Adam's memory of slopes; short, for a few dozen steps a keyframe")
+    adam_beta2: float = _constant(0.95, "1", "Adam's memory of their squares, likewise")
+    adam_epsilon: float = _constant(1e-8, "1", "Adam's guard against division by 0", "Kingma and Ba 2015")
     prune_opacity: float = _constant(0.05, "1", "splats fainter than this are removed")
     prune_scale: float = _constant(0.5, "m", "splats with a larger std are removed")
     # information, Eqs. (3)-(5), (14), (15)
@@ -118,6 +136,7 @@ class Config:
     # planning
     risk_weight: float = _constant(3.0, "1", "A*: a metre at α = 0 costs 1 + this")
     risk_scale: float = _constant(0.3, "m", "A*: the extra cost falls by e for each such step of α")
+    risk_floor: float = _constant(3.0, "1", "A*: prices grow no more below α = −risk_scale times this")
     margin: float = _constant(0.1, "m", "A*: distance kept from occupied cells, beyond the robot's radius")
     min_frontier: int = _constant(10, "cells", "smaller frontiers are ignored", "a public active-mapping harness")
     n_subgoals: int = _constant(4, "1", "frontiers nearest to the goal among which information decides")
@@ -135,6 +154,8 @@ class Config:
     network: str = _constant("complete", "", "communication graph, a name in network.GRAPHS")
     penalty: float = _constant(0.05, "1", "ρ of C-ADMM, for gains scaled to a largest value of 1")
     penalty_growth: float = _constant(1.1, "1", "ρ is multiplied by this each round")
+    primal_steps: int = _constant(5, "1", "steps a round of the solvers that solve (27) by steps uphill")
+    primal_rate: float = _constant(0.2, "rad²", "length of such a step")
     rounds: int = _constant(30, "1", "T_ADMM")
     tolerance: float = _constant(0.01, "rad", "agreement ends when both residuals are smaller")
     codec: str = _constant("json", "", "what messages are written in: json or binary", "paper VI-D: JSON")
@@ -157,6 +178,9 @@ class Config:
             raise ValueError(f"config: level must lie strictly between 0 and 1, got {self.level}")
         if self.risk_from not in ("body", "camera"):
             raise ValueError(f"config: risk_from must be body or camera, got {self.risk_from}")
+        for name in ("adam_beta1", "adam_beta2"):
+            if not getattr(self, name) < 1:
+                raise ValueError(f"config: {name} must be below 1, got {getattr(self, name)}")
         if not self.body_low < self.body_high:
             raise ValueError(f"config: body_low must be below body_high, got {self.body_low} and {self.body_high}")
         if 0 < self.r_max < self.r_min:

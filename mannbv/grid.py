@@ -8,13 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, spatial
 
+from mannbv.config import Config
 from mannbv.kernels import search
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 1
-HIT, PASS = 2.0, -0.4  # log-odds that one look adds; chosen here
-DOUBT = -0.1  # … in space, to a cell where something was hit: the ray may have passed below or above it
-LOW = 0.2  # [m] in space a ray clears the ground where it is no higher above what a robot steps over
-_LEAST, _MOST = -4.0, 8.0  # bounds of what the looks add up to
+_DEFAULT = Config()
 
 
 @dataclass(frozen=True)
@@ -71,10 +69,10 @@ class Occupancy:
         """(nx, ny) of UNKNOWN, FREE, OCCUPIED."""
         return np.where(self.log_odds == 0, UNKNOWN, np.where(self.log_odds > 0, OCCUPIED, FREE)).astype(np.int8)
 
-    def carved(self, origin, ends, hits) -> "Occupancy":
+    def carved(self, origin, ends, hits, config: Config = _DEFAULT) -> "Occupancy":
         """After seeing rays from `origin` (≥ 2,) to `ends` (k, ≥ 2) [m]; `hits` (k,): the ray ended on a surface.
 
-        A hit outweighs several passes, since a ray that grazes a wall also crosses the free part of its cells; one
+        How much a look tells are the constants `evidence_…` of a config. A hit outweighs several passes, since a ray that grazes a wall also crosses the free part of its cells; one
         frame changes a cell at most once, and a hit wins over a pass.
         """
         ends = np.asarray(ends, float)[:, :2]
@@ -82,27 +80,30 @@ class Occupancy:
         window = self._window(starts, ends)
         free, hit = self._crossed(window, starts, ends, hits)
         log_odds = self.log_odds.copy()
-        change = np.where(hit, HIT, np.where(free, PASS, 0.0)).astype(np.float32)
-        log_odds[window] = _bounded(log_odds[window] + change, (log_odds[window] != 0) | free | hit)
+        change = np.where(hit, config.evidence_hit, np.where(free, -config.evidence_pass, 0.0)).astype(np.float32)
+        log_odds[window] = _bounded(log_odds[window] + change, (log_odds[window] != 0) | free | hit, config)
         return Occupancy(self.lattice, log_odds)
 
-    def carved_around(self, origin, ends, hits, low: float, high: float) -> "Occupancy":
+    def carved_around(
+        self, origin, ends, hits, low: float, high: float, config: Config = _DEFAULT
+    ) -> "Occupancy":
         """`carved` for rays in space, of what stands between the heights `low` and `high` [m]; ends (k, 3) [m].
 
-        A surface hit there is taken as certain. A ray says that a cell is free where it runs at most `LOW` above
-        `low`, or ends on the floor: something may stand beneath higher ones. These count only around the robot, too
+        A surface hit there is taken as certain. A ray says that a cell is free where it runs at most `low_ray`
+        above `low`, or ends on the floor: something may stand beneath higher ones. These count only around the robot, too
         near for the steepest ray to be low, and only where nothing is known yet. Where something was hit, rays that
-        clear the cell say little (`DOUBT`): it may hang above them. A ray that falls through the floor blocks the cell.
+        clear the cell say little (`evidence_doubt`): it may hang above them. A ray that falls through the floor blocks the cell.
         """
         origin, ends, hits = np.asarray(origin, float), np.array(ends, float), np.asarray(hits, bool)
-        sinks = hits & (ends[:, 2] < low - LOW)  # to a storey below, through a hole that one would fall into
+        near, passed = config.low_ray, config.evidence_pass
+        sinks = hits & (ends[:, 2] < low - near)  # to a storey below, through a hole that one would fall into
         ends[sinks] = origin + (ends[sinks] - origin) * ((origin[2] - low) / (origin[2] - ends[sinks, 2]))[:, None]
         along, fall = (ends - origin)[:, :2], origin[2] - ends[:, 2]
         length = np.linalg.norm(along, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             leave = np.where(ends[:, 2] > high, np.clip((origin[2] - high) / fall, 0, 1), 1.0)
-            enter = np.where(ends[:, 2] < low + LOW, np.clip((origin[2] - low - LOW) / fall, 0, 1), 1.0)
-            blind = (origin[2] - low - LOW) / np.max(fall / length, initial=0.0)  # [m] what no ray shows from near
+            enter = np.where(ends[:, 2] < low + near, np.clip((origin[2] - low - near) / fall, 0, 1), 1.0)
+            blind = (origin[2] - low - near) / np.max(fall / length, initial=0.0)  # [m] what no ray shows from near
             leave = np.minimum(leave, blind / length)
         start = np.broadcast_to(origin[:2], along.shape)
         window = self._window(start, ends)
@@ -113,9 +114,10 @@ class Occupancy:
         clear, hit = self._crossed(window, begin[tell], ends[tell, :2], blocked[tell])
         log_odds = self.log_odds.copy()
         old = log_odds[window]
-        eased = np.where(old > 0, old + DOUBT * clear, np.where(clear | (above & (old == 0)), old + PASS, old))
-        new = np.where(hit, np.maximum(old, 0.0) + HIT, eased).astype(np.float32)
-        log_odds[window] = _bounded(new, (old != 0) | above | clear | hit)
+        fresh = np.where(clear | (above & (old == 0)), old - passed, old)
+        eased = np.where(old > 0, old - config.evidence_doubt * clear, fresh)
+        new = np.where(hit, np.maximum(old, 0.0) + config.evidence_hit, eased).astype(np.float32)
+        log_odds[window] = _bounded(new, (old != 0) | above | clear | hit, config)
         return Occupancy(self.lattice, log_odds)
 
     def _window(self, *points) -> tuple[slice, slice]:
@@ -135,12 +137,12 @@ class Occupancy:
         search.carve(free, hit, starts, ends, np.asarray(hits, bool))
         return free, hit
 
-    def blocked(self, points) -> "Occupancy":
+    def blocked(self, points, config: Config = _DEFAULT) -> "Occupancy":
         """With the unknown cells that hold one of the points (k, ≥ 2) [m] taken for occupied."""
         cells = self.lattice.index(points)
         x, y = cells[self.lattice.inside(cells)].T
         log_odds = self.log_odds.copy()
-        log_odds[x, y] = np.where(log_odds[x, y] == 0, HIT, log_odds[x, y])
+        log_odds[x, y] = np.where(log_odds[x, y] == 0, config.evidence_hit, log_odds[x, y])
         return Occupancy(self.lattice, log_odds)
 
     def cropped(self, points, margin: float) -> "Occupancy":
@@ -156,7 +158,7 @@ class Occupancy:
         lattice = Lattice((float(corner[0]), float(corner[1])), self.lattice.cell, shape)
         return Occupancy(lattice, self.log_odds[low[0] : high[0], low[1] : high[1]])
 
-    def merged(self, *others: "Occupancy") -> "Occupancy":
+    def merged(self, *others: "Occupancy", config: Config = _DEFAULT) -> "Occupancy":
         """Evidence of several robots, added up over a lattice that holds all of theirs (windows of one grid).
 
         Raises ValueError for grids whose cells do not coincide.
@@ -166,7 +168,7 @@ class Occupancy:
         else:
             lattice, spread = _over_one_lattice([self, *others])
         layers = np.stack(spread)
-        return Occupancy(lattice, _bounded(layers.sum(0), (layers != 0).any(0)))
+        return Occupancy(lattice, _bounded(layers.sum(0), (layers != 0).any(0), config))
 
 
 def _over_one_lattice(several: list[Occupancy]) -> tuple[Lattice, list[np.ndarray]]:
@@ -186,10 +188,10 @@ def _over_one_lattice(several: list[Occupancy]) -> tuple[Lattice, list[np.ndarra
     return Lattice((float(corner[0]), float(corner[1])), cell, (int(shape[0]), int(shape[1]))), spread
 
 
-def _bounded(log_odds: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def _bounded(log_odds: np.ndarray, seen: np.ndarray, config: Config) -> np.ndarray:
     """Clipped evidence. A tie in a seen cell counts as occupied, to be careful: exactly 0 means never seen."""
     tie = seen & (np.abs(log_odds) < 1e-3)
-    return np.where(tie, 1e-3, np.clip(log_odds, _LEAST, _MOST)).astype(np.float32)
+    return np.where(tie, 1e-3, np.clip(log_odds, -config.evidence_free, config.evidence_occupied)).astype(np.float32)
 
 
 def within(cells: np.ndarray, distance: float, cell: float) -> np.ndarray:

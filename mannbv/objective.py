@@ -14,6 +14,8 @@ from mannbv.config import Config
 from mannbv.geometry import Pose
 from mannbv.information import YawProfile
 
+_DEFAULT = Config()
+
 
 @dataclass(frozen=True)
 class Zone:
@@ -79,16 +81,16 @@ def per_owner(
     return torch.stack(terms)
 
 
-def pooled(beliefs: list[Belief]) -> Belief:
+def pooled(beliefs: list[Belief], config: Config = _DEFAULT) -> Belief:
     """The central map (16), its information block by block, and the ground that the team knows together."""
     grounds = [b.ground for b in beliefs if b.ground is not None]
-    ground = grounds[0].merged(*grounds[1:]) if grounds else None
+    ground = grounds[0].merged(*grounds[1:], config=config) if grounds else None
     return Belief(splats.union(*(b.splats for b in beliefs)), torch.cat([b.prior for b in beliefs]), ground)
 
 
 def central_zones(beliefs: list[Belief], path: np.ndarray, config: Config) -> list[Zone]:
     """Π_{P}|G_cent ∩ G_j for every owner j: the central map's mask and weights, cut into the owners' blocks (17)."""
-    whole = zone(pooled(beliefs), path, config)
+    whole = zone(pooled(beliefs, config), path, config)
     sizes = [b.splats.n_splats for b in beliefs]
     blocks = zip(whole.selected.split(sizes), whole.weights.split(sizes), strict=True)
     return [Zone(whole.risk, whole.radii, selected, weights) for selected, weights in blocks]
@@ -110,7 +112,7 @@ def lower_bound(
     grid. Central variants: `joint_rendering`; `joint_priors`, every block's information from all robots' views.
     `own_weights`: robot j weighs with its own grid instead of the common one.
     """
-    common = pooled(beliefs).ground
+    common = pooled(beliefs, config).ground
     local = beliefs if own_weights else [Belief(b.splats, b.prior, common) for b in beliefs]
     distributed = per_owner(local, [zone(b, path, config) for b in local], camera, pose, config)
     blocks = beliefs

@@ -60,12 +60,13 @@ def traversable(occupancy: grid.Occupancy, config: Config) -> np.ndarray:
 def prices(splat_map: SplatMap, lattice: grid.Lattice, cells: np.ndarray, rest: np.ndarray, config: Config):
     """A*'s price (nx, ny) per metre: 1 + risk_weight · exp(−α / risk_scale) on the given cells, inf elsewhere.
 
-    rest: as in `raised`, so that α is taken at camera height in 3-D. Prices grow no more below α = −3 risk_scale.
+    rest: as in `raised`, so that α is taken at camera height in 3-D. Prices grow no more below α = −risk_floor · risk_scale.
     """
     price = np.full(cells.shape, np.inf)
     points = raised(lattice.centers(np.argwhere(cells)), rest)
     alpha = risk.along(splat_map, torch.from_numpy(points), config).double().numpy()
-    price[cells] = 1.0 + config.risk_weight * np.exp(-np.maximum(alpha, -3 * config.risk_scale) / config.risk_scale)
+    alpha = np.maximum(alpha, -config.risk_floor * config.risk_scale)
+    price[cells] = 1.0 + config.risk_weight * np.exp(-alpha / config.risk_scale)
     return price
 
 

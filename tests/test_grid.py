@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 from skimage.graph import MCP_Geometric
 
 from mannbv import grid
+from mannbv.config import Config
 from mannbv.grid import FREE, OCCUPIED, UNKNOWN, Lattice, Occupancy
 
 
@@ -138,14 +139,16 @@ def test_frontiers_need_a_side_not_a_corner():
     assert grid.frontiers(np.full((4, 4), FREE)) == []
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_carving_marks_the_cells_that_a_dense_sampling_touches(seed):
+@pytest.mark.parametrize(
+    ("seed", "config"), [*((seed, Config()) for seed in range(4)), (4, Config(evidence_hit=3.0, evidence_pass=0.75))]
+)
+def test_carving_marks_the_cells_that_a_dense_sampling_touches(seed, config):
     rng = np.random.default_rng(seed)
     lattice = Lattice((-1.0, 0.5), 0.25, (20, 16))
     origin = rng.uniform([-1, 0.5], [4, 4.5])
     ends = rng.uniform([-2, -0.5], [5, 5.5], (12, 2))  # some beyond the lattice
     hits = rng.random(12) < 0.5
-    known = Occupancy.unknown(lattice).carved(origin, ends, hits)
+    known = Occupancy.unknown(lattice).carved(origin, ends, hits, config)
     free, hit = np.zeros(lattice.shape, bool), np.zeros(lattice.shape, bool)
     for end, stop in zip(ends, hits, strict=True):
         cells = lattice.index(origin + np.linspace(0, 1, 20_001)[:, None] * (end - origin))
@@ -158,7 +161,8 @@ def test_carving_marks_the_cells_that_a_dense_sampling_touches(seed):
         free[cells[:, 0], cells[:, 1]] = True
     assert hit.any()
     assert free.any()
-    assert_allclose(known.log_odds, np.where(hit, grid.HIT, np.where(free, grid.PASS, 0)), rtol=1e-6)
+    worth = (2.0, -0.4) if config == Config() else (3.0, -0.75)
+    assert_allclose(known.log_odds, np.where(hit, worth[0], np.where(free, worth[1], 0)), rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -183,6 +187,19 @@ def test_a_hit_outweighs_passes_and_a_tie_is_never_unknown():
         assert known.state[3, 1] == (OCCUPIED if passes <= 5 else FREE)
         assert known.state[1, 1] == FREE
     assert (known.state[:, [0, 2]] == UNKNOWN).all()
+
+
+def test_evidence_ends_at_its_bounds():
+    lattice, ray = Lattice((0.0, 0.0), 1.0, (4, 1)), ([0.5, 0.5], [[3.5, 0.5]], [True])
+    known, tight = Occupancy.unknown(lattice), Occupancy.unknown(lattice)
+    for _ in range(12):
+        known, tight = known.carved(*ray), tight.carved(*ray, Config(evidence_free=1.5, evidence_occupied=5.0))
+    assert_allclose(known.log_odds[[0, 3], 0], [-4, 8])
+    assert_allclose(tight.log_odds[[0, 3], 0], [-1.5, 5])
+    assert_allclose(tight.merged(tight).log_odds[[0, 3], 0], [-3, 8])
+    assert_allclose(tight.merged(tight, config=Config(evidence_occupied=6.0)).log_odds[[0, 3], 0], [-3, 6])
+    far = Occupancy.unknown(lattice).blocked([[2.5, 0.5]], Config(evidence_hit=3.0))
+    assert_allclose(far.log_odds[:, 0], [0, 0, 3, 0])
 
 
 def test_merging_adds_evidence_and_keeps_what_is_known():

@@ -90,6 +90,39 @@ def test_a_wall_before_the_known_one_is_not_explained():
     assert mapping.unexplained(local.splats, camera, nearer, CONFIG).float().mean() > 0.9
 
 
+def test_the_tolerance_of_depth_ends_at_a_nearness():
+    camera = camera_for(2, 64)
+    frame = box_frame(camera, (0.5, 1.0), math.pi)  # a wall 0.5 m away
+    local = mapping.observe(empty(), camera, frame, CONFIG, np.random.default_rng(0))
+    drawn = render.render(local.splats, camera, frame.pose)
+    depth = drawn.depth / drawn.opacity
+    wrong = dataclasses.replace(frame, depth=depth + 0.04)  # by 7 % of itself, but less than 5 % of a metre
+    opaque = drawn.opacity > CONFIG.explained_opacity
+    assert opaque.sum() > 50 and (depth[opaque] < 0.6).all()
+    assert not mapping.unexplained(local.splats, camera, wrong, CONFIG)[opaque].any()
+    assert mapping.unexplained(local.splats, camera, wrong, CONFIG.replace(explained_near=0.1)).all()
+
+
+def test_every_group_of_parameters_takes_its_own_steps(rng):
+    """Adam's first step is as long as the rate, up or down, wherever the slope is not 0."""
+    camera, splat_map = camera_for(2, 32), random_map(rng, 20, 2, torch.float32, reach=1.0)
+    names = ("rate_mean", "rate_scale", "rate_rotation", "rate_opacity", "rate_color")
+    rates = dict(zip(names, (1e-3, 2e-3, 3e-3, 4e-3, 5e-3), strict=True))
+    frame = box_frame(camera, (2.0, 1.5), math.pi)
+    fitted = mapping.fit(splat_map, camera, [frame], CONFIG.replace(learning_rate=0.5, **rates), steps=1)
+    for part, before, rate in zip(fitted.tensors(), splat_map.tensors(), rates.values(), strict=True):
+        if part is fitted.rotations:  # brought back to length 1 afterwards
+            signs = torch.tensor([(1.0, 1), (1, -1), (-1, 1), (-1, -1)])[:, None]
+            could = torch.nn.functional.normalize(before + 0.5 * rate * signs, dim=-1)
+            moved = (part - before).abs().amax(1) > 1e-5
+            assert moved.sum() > 5
+            assert (could - part).abs().amax(-1).amin(0)[moved].max() < 1e-6
+            continue
+        moved = (part != before) & (part > 0) & (part < 1) if part is fitted.colors else part != before
+        assert moved.sum() > 5
+        assert_allclose((part - before)[moved].abs(), 0.5 * rate, rtol=2e-2)
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_new_splats_lie_on_what_was_seen(dim, rng):
     camera, pose = camera_for(dim, 6, 4), random_pose(rng, dim)

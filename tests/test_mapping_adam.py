@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 import torch
 
+from mannbv.config import Config
 from mannbv.mapping import Moments
-from mannbv.mapping.adam import BETAS, EPSILON, step_all, step_seen
+from mannbv.mapping.adam import step_all, step_seen
 
+OTHER = Config(adam_beta1=0.9, adam_beta2=0.999, adam_epsilon=1e-6)
 RATES = torch.tensor([0.002, 0.002, 0.03, 0.05, 0.02], dtype=torch.float64)
 
 
@@ -17,11 +19,11 @@ def slopes_of(rng, n: int, seen: float = 1.0) -> torch.Tensor:
     return torch.from_numpy(slopes.astype(np.float32))
 
 
-def theirs(start: torch.Tensor, history: list[torch.Tensor]) -> torch.Tensor:
+def theirs(start: torch.Tensor, history: list[torch.Tensor], betas=(0.8, 0.95), eps=1e-8) -> torch.Tensor:
     """Where torch.optim.Adam brings rows (n, 5) that take every step of a history."""
     columns = [column.clone().requires_grad_() for column in start.T]
     groups = [{"params": [column], "lr": rate} for column, rate in zip(columns, RATES.tolist(), strict=True)]
-    optimiser = torch.optim.Adam(groups, betas=BETAS, eps=EPSILON, foreach=True)
+    optimiser = torch.optim.Adam(groups, betas=betas, eps=eps, foreach=True)
     for slopes in history:
         for column, slope in zip(columns, slopes.T, strict=True):
             column.grad = slope.clone()
@@ -36,6 +38,17 @@ def test_a_step_of_all_is_torchs_adam_to_the_last_bit(n, rng):
     for slopes in history:
         step_all(rows, slopes, moments, RATES)
     assert torch.equal(rows, theirs(start, history))
+
+
+@pytest.mark.parametrize("step", [step_all, step_seen])
+def test_adams_constants_are_the_configs(step, rng):
+    start, history = slopes_of(rng, 12), [slopes_of(rng, 12) for _ in range(9)]
+    rows, moments = start.clone(), Moments.none(12, 5)
+    for slopes in history:
+        step(rows, slopes, moments, RATES, OTHER)
+    expected = theirs(start, history, (0.9, 0.999), 1e-6)
+    assert torch.allclose(rows, expected, rtol=1e-5, atol=1e-6)
+    assert not torch.allclose(rows, theirs(start, history), rtol=1e-3, atol=1e-4)
 
 
 def test_a_step_of_the_seen_is_torchs_adam_on_the_steps_that_each_was_seen(rng):
@@ -58,7 +71,7 @@ def test_double_precision_stays_double(step, rng):
     start, slopes = rows.clone(), slopes_of(rng, 9).double()
     step(rows, slopes, moments, RATES)
     assert moments.grown(2).first.dtype == torch.float64
-    assert torch.allclose(rows, start - RATES * slopes / (slopes.abs() + EPSILON), atol=1e-12)  # Adam's first step
+    assert torch.allclose(rows, start - RATES * slopes / (slopes.abs() + 1e-8), atol=1e-12)  # Adam's first step
 
 
 def test_what_is_not_seen_rests(rng):

@@ -1,5 +1,7 @@
 """Risk-averse A*, subgoals, and where a robot fits."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -42,6 +44,16 @@ def test_the_price_of_a_cell_is_one_plus_what_its_risk_adds():
     expected = 1 + CONFIG.risk_weight * np.exp(-alpha / CONFIG.risk_scale)
     assert price[x, y] == pytest.approx(expected, rel=1e-5)
     assert np.isinf(price[0, 0])
+
+
+@pytest.mark.parametrize("floor", [3.0, 1.0])
+def test_prices_grow_no_more_below_a_floor_of_risk(floor):
+    wide = wall([[3.0, 2.0]])
+    wide = dataclasses.replace(wide, log_scales=torch.full((1, 2), np.log(0.8)))  # α = −1.4 m on its mean
+    config = CONFIG.replace(risk_floor=floor)
+    price = planner.prices(wide, LATTICE, hall() == grid.FREE, np.zeros(0), config)
+    assert price[30, 20] == pytest.approx(1 + config.risk_weight * np.exp(floor), rel=1e-6)
+    assert price[5, 20] < price[30, 20]
 
 
 def test_a_risk_averse_path_is_longer_and_safer():

@@ -83,10 +83,10 @@ def empty():
     return Occupancy.unknown(Lattice((0.0, 0.0), 0.5, (12, 3)))
 
 
-def looked(known, *rays, origin=(0.25, 0.75, 1.25)):
+def looked(known, *rays, origin=(0.25, 0.75, 1.25), config=Config()):  # noqa: B008
     """After looks of one ray each: (x, z, hit) of its end in the middle row."""
     for x, z, hit in rays:
-        known = known.carved_around(np.array(origin), np.array([[x, 0.75, z]]), [hit], LOW, HIGH)
+        known = known.carved_around(np.array(origin), np.array([[x, 0.75, z]]), [hit], LOW, HIGH, config)
     return known.state[:, 1].tolist()
 
 
@@ -118,6 +118,20 @@ def test_rays_that_run_below_something_clear_it_only_slowly():
     top, beneath = (3.25, 0.7, True), (3.75, 0.0, True)
     assert looked(empty(), top, *[beneath] * 5)[6] == OCCUPIED
     assert looked(empty(), top, *[beneath] * 25)[6] == FREE  # a false hit need not stay for ever
+    faster = Config(evidence_doubt=0.45)
+    assert looked(empty(), top, *[beneath] * 4, config=faster)[6] == OCCUPIED
+    assert looked(empty(), top, *[beneath] * 5, config=faster)[6] == FREE
+
+
+def test_what_runs_low_is_the_configs():
+    slope = (5.25, 0.0, True)
+    known = Occupancy(empty().lattice, np.full((12, 3), 1.0, np.float32))  # where something stood, only low rays count
+    states = [looked(known, slope, config=Config(low_ray=low, evidence_doubt=2.0)) for low in (0.15, 0.4, 0.9)]
+    # it falls a quarter of a metre a metre: below 0.25 m from 4.25 m on, 0.5 m from 3.25 m on, 1.0 m from 1.25 m on
+    assert [state.index(FREE) for state in states] == [8, 6, 2]
+    hole = (5.25, -0.2, True)
+    assert looked(empty(), hole, config=Config(low_ray=0.25)).count(OCCUPIED) == 1
+    assert looked(empty(), hole, config=Config(low_ray=0.35)).count(OCCUPIED) == 0
 
 
 def test_one_surface_outweighs_any_number_of_clear_looks():

@@ -109,6 +109,20 @@ def test_centralized_robots_hold_the_union_of_all_maps_and_grids(crew, place):
     assert int((later[1].guests.senders == 0).sum()) == 5  # a whole map replaces the one before
 
 
+@pytest.mark.parametrize("margin", [1.0, 0.25])
+def test_a_robot_plans_on_what_it_knows_and_a_margin_around(crew, margin):
+    robot = crew[0]
+    cells = np.argwhere(robot.ground.log_odds != 0)
+    centers = robot.ground.lattice.centers(cells)
+    known = np.concatenate([centers, robot.position[None], robot.goal[None]])
+    lattice = robot.belief(SMALL.replace(ground_margin=margin)).ground.lattice
+    upper = np.array(lattice.origin) + lattice.cell * np.array(lattice.shape)
+    whole = np.array(robot.ground.lattice.origin), robot.ground.lattice.cell * np.array(robot.ground.lattice.shape)
+    low = np.maximum(known.min(0) - margin, whole[0])
+    high = np.minimum(known.max(0) + margin, whole[0] + whole[1])
+    assert np.abs(lattice.origin - low).max() < 0.06 and np.abs(upper - high).max() < 0.06
+
+
 @pytest.mark.parametrize("strategy", ["centralized", "limited"])
 def test_splats_wider_than_the_share_scale_stay_at_home(crew, place, strategy):
     widths = torch.cat([robot.local.splats.scales.amax(1) for robot in crew])

@@ -6,9 +6,10 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from mannbv.config import Config
 from mannbv.kernels import adam
 
-BETAS, EPSILON = (0.8, 0.95), 1e-8  # short memories suit a few dozen steps a keyframe; chosen here
+_DEFAULT = Config()
 
 
 @dataclass(frozen=True)
@@ -43,21 +44,21 @@ class Moments:
         return Moments(*(part.clone() for part in self.tensors()))
 
 
-def step_all(rows: Tensor, slopes: Tensor, moments: Moments, rates: Tensor) -> None:
+def step_all(rows: Tensor, slopes: Tensor, moments: Moments, rates: Tensor, config: Config = _DEFAULT) -> None:
     """One step of every splat in place, as `torch.optim.Adam` takes it to the last bit; all took equally many before.
 
     rows, slopes: (n, w). rates: the length of a step (w,), in double precision.
     """
-    beta1, beta2 = BETAS
+    beta1, beta2 = config.adam_beta1, config.adam_beta2
     moments.steps.add_(1)
     steps = int(moments.steps[0])
     moments.first.lerp_(slopes, 1 - beta1)
     moments.second.mul_(beta2).addcmul_(slopes, slopes, value=1 - beta2)
-    spread = moments.second.sqrt().div_((1 - beta2**steps) ** 0.5).add_(EPSILON)
+    spread = moments.second.sqrt().div_((1 - beta2**steps) ** 0.5).add_(config.adam_epsilon)
     rows.addcdiv_(moments.first * (-rates / (1 - beta1**steps)).to(rows), spread)
 
 
-def step_seen(rows: Tensor, slopes: Tensor, moments: Moments, rates: Tensor) -> None:
+def step_seen(rows: Tensor, slopes: Tensor, moments: Moments, rates: Tensor, config: Config = _DEFAULT) -> None:
     """One step, in place, of the splats with any slope; the others keep their place and their memory."""
     arrays = (part.numpy() for part in (rows, slopes, *moments.tensors(), rates.to(rows)))
-    adam.step(*arrays, *BETAS, EPSILON)
+    adam.step(*arrays, config.adam_beta1, config.adam_beta2, config.adam_epsilon)

@@ -9,9 +9,6 @@ from mannbv.config import Config
 from mannbv.mapping.adam import Moments, step_all, step_seen
 from mannbv.splats import SplatMap
 
-# Adam's step for mean [m], log-scale, rotation, opacity logit, colour; chosen here
-_RATES = (0.002, 0.03, 0.03, 0.05, 0.02)
-
 
 def loss(splat_map: SplatMap, camera: Camera, frame: Frame, depth_weight: float) -> Tensor:
     """Eq. (2) as means over pixels: L1 of colour + ψ L1 of depth [m]; pixels without a depth count for neither."""
@@ -34,7 +31,8 @@ def refine(
         return splat_map, moments
     fields = [part.detach().reshape(splat_map.n_splats, -1) for part in splat_map.tensors()]
     widths = [field.shape[1] for field in fields]
-    lengths = [rate * config.learning_rate for rate, w in zip(_RATES, widths, strict=True) for _ in range(w)]
+    groups = config.rate_mean, config.rate_scale, config.rate_rotation, config.rate_opacity, config.rate_color
+    lengths = [rate * config.learning_rate for rate, w in zip(groups, widths, strict=True) for _ in range(w)]
     rates = torch.tensor(lengths, dtype=torch.float64)
     rows = torch.cat(fields, 1).requires_grad_()
     memory = Moments.none(*rows.shape, rows.dtype) if moments is None else moments.copy()
@@ -45,7 +43,7 @@ def refine(
         means, log_scales, rotations, logits, colors = rows.split(widths, 1)
         drawn = SplatMap(means, log_scales, rotations, logits[:, 0], colors)
         (slopes,) = torch.autograd.grad(loss(drawn, camera, frame, config.depth_weight), rows)
-        (step_all if moments is None else step_seen)(rows.detach(), slopes, memory, rates)
+        (step_all if moments is None else step_seen)(rows.detach(), slopes, memory, rates, config)
     means, log_scales, rotations, logits, colors = (part.contiguous() for part in rows.detach().split(widths, 1))
     unit = torch.nn.functional.normalize(rotations, dim=1)
     fitted = SplatMap(means, log_scales, unit, logits[:, 0], colors.clamp(0, 1))

@@ -17,7 +17,7 @@ def unexplained(splat_map: SplatMap, camera: Camera, frame: Frame, config: Confi
     with torch.no_grad():
         drawn = render.render(splat_map, camera, frame.pose)
     depth = drawn.depth / drawn.opacity.clamp_min(1e-6)
-    tolerance = config.explained_depth * frame.depth.clamp_min(1.0)
+    tolerance = config.explained_depth * frame.depth.clamp_min(config.explained_near)
     explained = (drawn.opacity > config.explained_opacity) & ((depth - frame.depth).abs() < tolerance)
     return frame.valid & ~explained
 

@@ -14,8 +14,11 @@ import torch
 from jaxtyping import Float32
 from torch import Tensor
 
-from mannbv.grid import FREE, HIT, OCCUPIED, PASS, Lattice, Occupancy
+from mannbv.config import Config
+from mannbv.grid import FREE, OCCUPIED, Lattice, Occupancy
 from mannbv.splats import SplatMap
+
+_DEFAULT = Config()
 
 
 @dataclass(frozen=True)
@@ -191,8 +194,9 @@ class Grid(Message):
 
     @property
     def occupancy(self) -> Occupancy:
-        """As evidence: each state is worth one look."""
-        log_odds = np.select([self.state == OCCUPIED, self.state == FREE], [HIT, PASS], 0.0)
+        """As evidence: each state is worth one look, by the default constants, whatever those of the sender are."""
+        worth = [_DEFAULT.evidence_hit, -_DEFAULT.evidence_pass]
+        log_odds = np.select([self.state == OCCUPIED, self.state == FREE], worth, 0.0)
         return Occupancy(self.lattice, log_odds.astype(np.float32))
 
     @property

@@ -17,6 +17,8 @@ from mannbv.config import Config
 from mannbv.mapping import LocalMap
 from mannbv.splats import SplatMap
 
+_DEFAULT = Config()
+
 
 @dataclass(frozen=True)
 class Guests:
@@ -135,17 +137,18 @@ class Robot:
         """The yaw that this robot would choose alone [rad]."""
         return self.plans[self.index].yaw if self.index in self.plans else self.yaw
 
-    def belief(self, config: Config | None = None) -> Belief:
+    def belief(self, config: Config = _DEFAULT) -> Belief:
         """What it may evaluate on: its own map and its guests, its own ground and the grids it was sent.
 
-        The ground is cut to what is known, its own place and its goal, with a metre around. By the `block_opacity` of a
-        config, opaque splats tell of what stands where no depth has shown the ground; never of what is free.
+        The ground is cut to what is known, its own place and its goal, with `ground_margin` around. By `block_opacity`,
+        opaque splats tell of what stands where no depth has shown the ground; never of what is free.
         """
         both = splats.union(self.local.splats, self.guests.splats)
-        ground = self.ground.merged(*self.grids.values()).cropped(np.stack([self.position, self.goal]), 1.0)
-        if config is not None and config.block_opacity < 1:
+        ground = self.ground.merged(*self.grids.values(), config=config)
+        ground = ground.cropped(np.stack([self.position, self.goal]), config.ground_margin)
+        if config.block_opacity < 1:
             solid = risk.in_reach(both, self.position[2:], config) & (both.opacities > config.block_opacity)
-            ground = ground.blocked(both.means[solid].numpy())
+            ground = ground.blocked(both.means[solid].numpy(), config)
         return Belief(both, torch.cat([self.local.prior, self.guests.prior]), ground)
 
 

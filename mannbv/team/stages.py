@@ -85,7 +85,7 @@ def look(robot: Robot, mission: Mission, rng: np.random.Generator) -> Robot:
     floor = robot.position[2:] - config.camera_height
     body = *(floor + config.body_low), *(floor + config.body_high)  # nothing in flatland
     carved = robot.ground.carved_around if body else robot.ground.carved
-    return robot.replace(ground=carved(robot.position, ends, valid.numpy(), *body))
+    return robot.replace(ground=carved(robot.position, ends, valid.numpy(), *body, config=config))
 
 
 def move(robot: Robot, mission: Mission, yaw: float | None = None) -> Robot:

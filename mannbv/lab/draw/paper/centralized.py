@@ -48,7 +48,7 @@ def growth_figure(record: Record) -> Figure:
 def _map(ax: Axes, record: Record, log: EpisodeLog, cycle: int, whole: Window) -> None:
     """The global map as it was in a cycle."""
     counts = log.splats[cycle]
-    ground = record.robots[0].ground.merged(*(robot.ground for robot in record.robots[1:]))
+    ground = record.robots[0].ground.merged(*(robot.ground for robot in record.robots[1:]), config=record.config)
     parts.ground(ax, ground)
     held = [
         page.painted(page.back_then(robot, count), robot_color(robot.index))
