@@ -81,7 +81,9 @@ class Config:
     evidence_doubt: float = _constant(0.1, "1", "… in 3-D, where something was hit: it may hang above the ray")
     evidence_free: float = _constant(4.0, "1", "no cell is surer than this to be free")
     evidence_occupied: float = _constant(8.0, "1", "… and than this to be occupied")
-    low_ray: float = _constant(0.2, "m", "in 3-D a ray is low up to this above body_low; one that ends as far below falls into a hole")
+    low_ray: float = _constant(
+        0.2, "m", "in 3-D a ray is low up to this above body_low; one that ends as far below falls into a hole"
+    )
     ground_margin: float = _constant(1.0, "m", "around what is known, the robot and its goal, that a robot plans on")
     camera_height: float = _constant(1.25, "m", "of the camera above the floor, in 3-D only", "Habitat's default")
     body_low: float = _constant(0.1, "m", "in 3-D robots step over what is lower", "a public active-mapping harness")

@@ -72,8 +72,8 @@ class Occupancy:
     def carved(self, origin, ends, hits, config: Config = _DEFAULT) -> "Occupancy":
         """After seeing rays from `origin` (≥ 2,) to `ends` (k, ≥ 2) [m]; `hits` (k,): the ray ended on a surface.
 
-        How much a look tells are the constants `evidence_…` of a config. A hit outweighs several passes, since a ray that grazes a wall also crosses the free part of its cells; one
-        frame changes a cell at most once, and a hit wins over a pass.
+        A hit outweighs several passes, since a ray that grazes a wall also crosses the free part of its cells; one
+        frame changes a cell at most once, and a hit wins over a pass. How much each tells: `evidence_…` of a config.
         """
         ends = np.asarray(ends, float)[:, :2]
         starts = np.broadcast_to(np.asarray(origin, float)[:2], ends.shape)
@@ -84,15 +84,13 @@ class Occupancy:
         log_odds[window] = _bounded(log_odds[window] + change, (log_odds[window] != 0) | free | hit, config)
         return Occupancy(self.lattice, log_odds)
 
-    def carved_around(
-        self, origin, ends, hits, low: float, high: float, config: Config = _DEFAULT
-    ) -> "Occupancy":
+    def carved_around(self, origin, ends, hits, low: float, high: float, config: Config = _DEFAULT) -> "Occupancy":
         """`carved` for rays in space, of what stands between the heights `low` and `high` [m]; ends (k, 3) [m].
 
-        A surface hit there is taken as certain. A ray says that a cell is free where it runs at most `low_ray`
-        above `low`, or ends on the floor: something may stand beneath higher ones. These count only around the robot, too
+        A surface hit there is taken as certain. A ray says that a cell is free where it runs at most `low_ray` above
+        `low`, or ends on the floor: something may stand beneath higher ones. These count only around the robot, too
         near for the steepest ray to be low, and only where nothing is known yet. Where something was hit, rays that
-        clear the cell say little (`evidence_doubt`): it may hang above them. A ray that falls through the floor blocks the cell.
+        clear the cell say little (`evidence_doubt`): it may hang above them. One that falls through the floor blocks.
         """
         origin, ends, hits = np.asarray(origin, float), np.array(ends, float), np.asarray(hits, bool)
         near, passed = config.low_ray, config.evidence_pass

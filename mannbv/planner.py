@@ -60,7 +60,8 @@ def traversable(occupancy: grid.Occupancy, config: Config) -> np.ndarray:
 def prices(splat_map: SplatMap, lattice: grid.Lattice, cells: np.ndarray, rest: np.ndarray, config: Config):
     """A*'s price (nx, ny) per metre: 1 + risk_weight · exp(−α / risk_scale) on the given cells, inf elsewhere.
 
-    rest: as in `raised`, so that α is taken at camera height in 3-D. Prices grow no more below α = −risk_floor · risk_scale.
+    rest: as in `raised`, so that α is taken at camera height in 3-D. Below α = −risk_floor · risk_scale prices grow no
+    more.
     """
     price = np.full(cells.shape, np.inf)
     points = raised(lattice.centers(np.argwhere(cells)), rest)

@@ -31,8 +31,13 @@ def same_robots(a: episode.Record, b: episode.Record) -> bool:
     )
 
 
-@pytest.mark.parametrize("strategy", ["limited", "centralized"])
-@pytest.mark.parametrize(("dim", "small"), BOTH)
+@pytest.mark.parametrize(
+    ("strategy", "dim", "small"),
+    [
+        *((strategy, dim, small) for strategy in ("limited", "centralized") for dim, small in BOTH),
+        ("distributed", 2, SMALL.replace(solver="cadmm-stochastic")),
+    ],
+)
 def test_a_run_resumed_after_any_cycle_is_the_run_itself(tmp_path, strategy, dim, small):
     snapshots = []
 

@@ -190,6 +190,36 @@ def test_agreeing_by_messages_is_the_solver_itself(crew, place):
         assert np.allclose(yaws, trace[-1].yaws)
 
 
+@pytest.mark.parametrize("steps", [5, 3])
+def test_a_stochastic_agreement_draws_by_the_missions_seed_and_the_cycle(crew, place, steps):
+    config, found = SMALL.replace(solver="cadmm-stochastic", primal_steps=steps, primal_rate=0.1), []
+    for seed, number in ((5, 0), (5, 1), (6, 0)):
+        mission = mission_for(place, "distributed", config, seed=seed)
+        robots = team.share(
+            [robot.replace(cycle=number) for robot in crew], mission, messages.Mailbox(), team.REGISTRY["distributed"]
+        )
+        robots = team.each(robots, team.evaluate, mission, team.serve)
+        gains, announced = np.stack([r.choice.gains for r in robots]), np.array([r.announced for r in robots])
+        ended, _ = team.agree(
+            team.exchange(robots, team.suggest, mission, messages.Mailbox()), mission, messages.Mailbox()
+        )
+        found.append([robot.choice.yaw for robot in ended])
+        rule = consensus.CADMM(
+            config.penalty, config.penalty_growth, "stochastic", steps=steps, rate=0.1, seed=(seed, number)
+        )
+        states = [rule.start(k, {0, 1, 2} - {k}, announced, gains[k] / gains.max()) for k in range(3)]
+
+        def deliver(outbox):
+            heard = {k: {} for k in range(3)}
+            for note in outbox:
+                heard[note.receiver][note.sender] = note.offsets
+            return heard
+
+        *_, last = consensus.exchange(rule, states, deliver, config.rounds, config.tolerance)
+        assert np.allclose(found[-1], [state.yaw for state in last])
+    assert not np.allclose(found[0], found[1]) and not np.allclose(found[0], found[2])
+
+
 def test_json_and_binary_agree_on_the_same_yaws(crew, place):
     answers = []
     for codec in ("json", "binary"):

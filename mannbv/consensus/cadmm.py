@@ -16,7 +16,7 @@ from mannbv import geometry
 from mannbv.config import Config, suggesting
 from mannbv.consensus.objectives import TIE, Called, Tabulated
 
-PRIMALS = ("exact", "gradient")
+PRIMALS = ("exact", "gradient", "stochastic")
 Number = float | int
 _DEFAULT = Config()
 
@@ -78,10 +78,11 @@ class CADMM:
 
     penalty: Number = _DEFAULT.penalty  # ρ at first, for objectives whose largest value is 1
     growth: Number = _DEFAULT.penalty_growth  # ρ is multiplied by this each round
-    primal: str = "exact"  # Eq. (27): global on tables and BFGS on functions; or "gradient", the paper's
+    primal: str = "exact"  # Eq. (27): global on tables and BFGS on functions; or steps, "gradient" or "stochastic"
     circle: bool = True
-    steps: int = 5  # of the gradient primal
-    rate: Number = 0.2  # [rad²] step of the gradient primal
+    steps: int = _DEFAULT.primal_steps  # of the primals that take steps
+    rate: Number = _DEFAULT.primal_rate  # [rad²] of such a step
+    seed: tuple[int, ...] = ()  # with a robot's number and its round it says what the stochastic primal draws
 
     def __post_init__(self):
         for name in ("penalty", "growth", "rate"):
@@ -122,7 +123,7 @@ class CADMM:
         edge, dual = np.tile(first, (len(neighbours), 1)), np.zeros((len(neighbours), n))
         penalty = float(self.penalty)
         state = Agreement(int(robot), neighbours, objective, origin, first, first, edge, dual, penalty, **alone)
-        copies = self._primal(state, edge, dual, penalty)
+        copies = self._primal(state, edge, dual, penalty, 1)
         return dataclasses.replace(state, copies=copies, agreed=copies)
 
     def step(self, state: Agreement, inbox: Mapping) -> Agreement:
@@ -146,7 +147,7 @@ class CADMM:
         penalty = state.penalty * self.growth
         return dataclasses.replace(
             state,
-            copies=self._primal(state, edge, dual, penalty),
+            copies=self._primal(state, edge, dual, penalty, state.round + 2),
             agreed=state.copies,
             edge=edge,
             dual=dual,
@@ -156,11 +157,13 @@ class CADMM:
             dual_residual=float(state.penalty * np.abs(edge - state.edge).max(initial=0.0)),
         )
 
-    def _primal(self, state: Agreement, edge: np.ndarray, dual: np.ndarray, penalty: float) -> np.ndarray:
+    def _primal(self, state: Agreement, edge: np.ndarray, dual: np.ndarray, penalty: float, time: int) -> np.ndarray:
         """Eq. (27): argmin of −F(T) + Σ_j λ_ijᵀ(T − z_ij) + ρ/2 Σ_j ‖T − z_ij‖².
 
         The terms of the neighbours are one quadratic: its stiffness is ρ times their number, its centre the mean of z
-        less Σ_j λ_ij over the stiffness.
+        less Σ_j λ_ij over the stiffness. A stochastic step looks at one of the N terms f_ik of F, drawn anew, and takes
+        its slope N times, which is right on average; steps grow shorter by √time, else they would never settle.
+        time: how often this robot has come here.
         """
         stiffness, center = TIE, state.copies
         if state.neighbours:
@@ -168,10 +171,13 @@ class CADMM:
             center = edge.mean(0) - dual.sum(0) / stiffness
         if self.primal == "exact":
             return state.objective.minimise(state.origin, state.copies, center, stiffness, self.circle)
-        offsets = state.copies
-        for _ in range(self.steps):
-            ascent = state.objective.gradient(state.origin + offsets) - stiffness * (offsets - center)
-            offsets = offsets + self.rate / (1 + self.rate * stiffness) * ascent  # damped: stable for any penalty
+        offsets, n, rate, shares = state.copies, len(state.copies), self.rate, np.ones((self.steps, 1))
+        if self.primal == "stochastic":
+            rng = np.random.default_rng([*self.seed, state.robot, time])
+            rate, shares = rate / np.sqrt(time), n * np.eye(n)[rng.integers(n, size=self.steps)]
+        for share in shares:
+            ascent = share * state.objective.gradient(state.origin + offsets) - stiffness * (offsets - center)
+            offsets = offsets + rate / (1 + rate * stiffness) * ascent  # damped: stable for any penalty
             offsets = offsets if self.circle else np.clip(offsets, -np.pi, np.pi)
         return offsets
 

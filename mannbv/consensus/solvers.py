@@ -41,12 +41,12 @@ class Settings:
     growth: Number = CADMM.growth  # ρ is multiplied by this each round
     rounds: int = _DEFAULT.rounds  # T_ADMM, rounds of messages at most
     tolerance: Number = _DEFAULT.tolerance  # the rounds end when both residuals are smaller
-    primal: str | None = None  # "exact" or "gradient"; None: as the solver's name says
+    primal: str | None = None  # "exact", "gradient" or "stochastic"; None: as the solver's name says
     rng: np.random.Generator | None = None  # for solvers that draw
     loss: Number = 0.0  # probability that a message is lost (C-ADMM only; needs rng)
     scale: Number | None = None  # objectives are divided by this; None: their largest absolute value, 1 for functions
-    steps: int = CADMM.steps  # of the gradient primal
-    rate: Number = CADMM.rate  # [rad²] step of the gradient primal
+    steps: int = CADMM.steps  # of the primals that take steps
+    rate: Number = CADMM.rate  # [rad²] of such a step
     bins: int = 36  # of a quantised profile
     bits: int = 8  # of each bin
 
@@ -62,7 +62,9 @@ class Settings:
 
     def cadmm(self, primal: str = "exact", circle: bool = True) -> CADMM:
         """The C-ADMM of these settings; `primal` where they leave it open."""
-        return CADMM(self.penalty, self.growth, self.primal or primal, circle, self.steps, self.rate)
+        primal = self.primal or primal
+        seed = (int(self.rng.integers(2**32)),) if primal == "stochastic" and self.rng else ()
+        return CADMM(self.penalty, self.growth, primal, circle, self.steps, self.rate, seed)
 
 
 class Options(TypedDict, total=False):
@@ -217,7 +219,8 @@ def _stand(states, residuals, penalty: float) -> Round:
 
 SOLVERS = {
     "cadmm": _cadmm,
-    "cadmm-gradient": functools.partial(_cadmm, primal="gradient"),  # the paper's primal update
+    "cadmm-gradient": functools.partial(_cadmm, primal="gradient"),
+    "cadmm-stochastic": functools.partial(_cadmm, primal="stochastic"),  # the paper's primal update
     "cadmm-literal": functools.partial(_cadmm, circle=False),  # shows what goes wrong at ±π
     "profile": profile,
     "own": own,

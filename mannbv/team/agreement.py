@@ -11,7 +11,10 @@ from mannbv.team.robots import Choice, Mission, Robot
 from mannbv.team.strategies import Evaluate, best_yaw, solver_of
 
 # the solvers whose messages are really sent round by round
-_ROUNDS = {"cadmm": {}, "cadmm-gradient": {"primal": "gradient"}, "cadmm-literal": {"circle": False}}
+_ROUNDS = {
+    "cadmm": {}, "cadmm-gradient": {"primal": "gradient"}, "cadmm-stochastic": {"primal": "stochastic"},
+    "cadmm-literal": {"circle": False},
+}  # fmt: skip
 
 
 def evaluate(robot: Robot, mission: Mission, by: Evaluate) -> Robot:
@@ -85,7 +88,9 @@ def agree(
     """
     config, residuals, solver = mission.config, [], solver or solver_of(mission)
     if solver in _ROUNDS:
-        rule = consensus.CADMM(config.penalty, config.penalty_growth, **_ROUNDS[solver])
+        drawn = {"seed": (mission.seed, robots[0].cycle)}  # so that a resumed run draws the same numbers
+        pace = {"steps": config.primal_steps, "rate": config.primal_rate}
+        rule = consensus.CADMM(config.penalty, config.penalty_growth, **_ROUNDS[solver], **pace, **drawn)
         robots = each(robots, start, mission, rule)
         while len(residuals) < config.rounds and not (residuals and residuals[-1] < config.tolerance):
             robots = each(exchange(robots, send_copies, mission, mailbox), step, rule)
@@ -97,5 +102,6 @@ def agree(
     gains, announced = np.stack([r.choice.gains for r in robots]), [r.announced for r in robots]
     settings = {"penalty": config.penalty, "growth": config.penalty_growth, "scale": consensus.scale_of(gains)}
     settings |= {"rounds": config.rounds, "tolerance": config.tolerance}
+    settings |= {"steps": config.primal_steps, "rate": config.primal_rate}
     yaws = consensus.solve(gains, mission.network, announced, solver, **settings)[-1].yaws
     return [r.replace(choice=r.choice.replace(yaw=float(yaw))) for r, yaw in zip(robots, yaws, strict=True)], residuals
