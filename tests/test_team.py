@@ -406,3 +406,22 @@ def test_what_the_holder_has_seen_counts_as_known_of_its_guests(crew, place, occ
     # the next frames add to it
     later = team.observe(team.move(robot.replace(guests=met), mission, 0.3), mission, 1)
     assert (later.guests.prior >= met.prior).all() and (later.guests.prior > met.prior).any()
+
+
+def test_what_was_seen_of_a_guest_stays_known_when_it_comes_again(rng):
+    """Rows are matched by sender and id, whatever their order; only splats that never came are looked up anew."""
+
+    def letter(robot: int, ids: list[int], whole: int):
+        return messages.Splats(
+            robot, 0, random_map(rng, len(ids), 2, torch.float32), ids, np.ones((len(ids), 9)), whole
+        )
+
+    guests = team.Guests.none(2).received(letter(1, [4, 7, 2], 0)).received(letter(2, [7, 4], 0))
+    known = dataclasses.replace(guests, seen=torch.arange(5.0)[:, None].expand(5, 9))
+    part = known.received(letter(1, [2, 9, 4], 0))
+    rows = dict(zip(zip(part.senders.tolist(), part.ids.tolist(), strict=True), part.seen[:, 0].tolist(), strict=True))
+    assert math.isnan(rows.pop((1, 9)))
+    assert rows == {(1, 7): 1.0, (2, 7): 3.0, (2, 4): 4.0, (1, 2): 2.0, (1, 4): 0.0}
+    whole = known.received(letter(1, [9, 7], 1))
+    assert whole.ids.tolist() == [7, 4, 9, 7]
+    assert whole.seen[:, 0].nan_to_num(-1).tolist() == [3.0, 4.0, -1.0, 1.0]

@@ -46,14 +46,17 @@ class Guests:
         return self.sent + torch.nan_to_num(self.seen)
 
     def received(self, message: messages.Splats) -> "Guests":
-        """With a teammate's splats: a whole map replaces all of its earlier ones, a part those with the same ids."""
-        theirs = self.senders == message.robot
-        stale = theirs if message.whole else theirs & torch.isin(self.ids, message.ids.long())
+        """With a teammate's splats: a whole map replaces all of its earlier ones, a part those with the same ids.
+
+        What the holder had seen of a splat that comes again, a little refined, stays known.
+        """
+        theirs, ids = self.senders == message.robot, message.ids.long()
+        stale = theirs if message.whole else theirs & torch.isin(self.ids, ids)
         columns = (self.senders, self.ids, self.sent, self.seen)
-        fresh = (
-            torch.full((message.splats.n_splats,), message.robot), message.ids.long(), message.prior,
-            torch.full_like(message.prior, torch.nan),
-        )  # fmt: skip
+        seen = torch.full_like(message.prior, torch.nan)
+        again, place = _matched(ids, self.ids[theirs])
+        seen[again] = self.seen[theirs][place]
+        fresh = (torch.full_like(ids, message.robot), ids, message.prior, seen)
         joined = (torch.cat([old[~stale], new]) for old, new in zip(columns, fresh, strict=True))
         return Guests(splats.union(self.splats.select(~stale), message.splats), *joined)
 
@@ -73,6 +76,14 @@ class Guests:
         others = splats.union(self.splats.select(~new), own)
         told = information.prior(self.splats.select(new), camera, poses, others=others, **config.noise)
         return dataclasses.replace(self, seen=self.seen.index_copy(0, torch.nonzero(new)[:, 0], told.to(self.seen)))
+
+
+def _matched(ids: Tensor, among: Tensor) -> tuple[Tensor, Tensor]:
+    """Which of the ids (n,) are among others (k,), as a mask, and where each of those stands there."""
+    ordered, order = torch.sort(among)
+    place = torch.searchsorted(ordered, ids).clamp_max(max(len(ordered) - 1, 0))
+    again = ordered[place] == ids if len(ordered) else torch.zeros_like(ids, dtype=torch.bool)
+    return again, order[place[again]]
 
 
 @dataclass(frozen=True)
