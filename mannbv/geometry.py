@@ -6,10 +6,15 @@ Only the two lowest floors ask which of the two dimensions they are in; tests/te
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
+import numpy as np
 import torch
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 from torch import Tensor
+
+Angle = TypeVar("Angle", float, np.ndarray, Tensor)
 
 
 @dataclass(frozen=True)
@@ -62,18 +67,18 @@ class Pose:
         return Pose(matrix[:-1, :-1], matrix[:-1, -1])
 
 
-def _floating(values) -> Tensor:
-    values = torch.as_tensor(values)
-    return values if values.is_floating_point() else values.to(torch.get_default_dtype())
+def _floating(values: ArrayLike) -> Tensor:
+    tensor = torch.as_tensor(values)
+    return tensor if tensor.is_floating_point() else tensor.to(torch.get_default_dtype())
 
 
-def wrap(angle):
+def wrap(angle: Angle) -> Angle:
     """Angle(s) [rad] brought into [−π, π); floats, arrays and tensors."""
     turned = (angle + math.pi) % (2 * math.pi) - math.pi
     return turned - 2 * math.pi * (turned >= math.pi)  # rounding can bring the remainder to 2π itself
 
 
-def yaw_pose(position, yaw) -> Pose:
+def yaw_pose(position: ArrayLike, yaw: float | Tensor) -> Pose:
     """A level camera at `position` (d,) [m] that looks along `yaw` [rad], counter-clockwise from +x.
 
     A tensor `yaw` keeps its gradient. Raises ValueError for positions that are not finite (2,) or (3,) vectors.

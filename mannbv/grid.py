@@ -6,6 +6,7 @@ Arrays are indexed [ix, iy]; cell (0, 0) has its lower corner at the lattice's o
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import ndimage, spatial
 
 from mannbv.config import Config
@@ -24,28 +25,29 @@ class Lattice:
     shape: tuple[int, int]
 
     @staticmethod
-    def around(lower, upper, cell: float) -> "Lattice":
+    def around(lower: ArrayLike, upper: ArrayLike, cell: float) -> "Lattice":
         """The smallest lattice over a box given by two corners [m]."""
-        shape = np.ceil((np.asarray(upper, float) - np.asarray(lower, float)) / cell - 1e-9).astype(int)
+        low, high = np.asarray(lower, float), np.asarray(upper, float)
+        shape = np.ceil((high - low) / cell - 1e-9).astype(int)
         if not (np.isfinite(shape).all() and (shape > 0).all()):
-            raise ValueError(f"grid: the box from {list(lower)} to {list(upper)} is empty")
-        return Lattice((float(lower[0]), float(lower[1])), float(cell), (int(shape[0]), int(shape[1])))
+            raise ValueError(f"grid: the box from {low.tolist()} to {high.tolist()} is empty")
+        return Lattice((float(low[0]), float(low[1])), float(cell), (int(shape[0]), int(shape[1])))
 
-    def index(self, points) -> np.ndarray:
+    def index(self, points: ArrayLike) -> np.ndarray:
         """Cells (k, 2) that hold points (k, ≥ 2) [m]; may lie outside the lattice."""
         return np.floor((np.asarray(points, float)[:, :2] - self.origin) / self.cell).astype(np.int64)
 
     def inside(self, index: np.ndarray) -> np.ndarray:
         """Which cells (k, 2) belong to the lattice."""
-        return ((index >= 0) & (index < self.shape)).all(1)
+        return np.all((index >= 0) & (index < self.shape), axis=1)
 
-    def centers(self, index=None) -> np.ndarray:
+    def centers(self, index: ArrayLike | None = None) -> np.ndarray:
         """Centres [m] of the given cells (k, 2), or of all as (nx, ny, 2)."""
         if index is None:
             index = np.stack(np.meshgrid(*(np.arange(n) for n in self.shape), indexing="ij"), -1)
         return (np.asarray(index) + 0.5) * self.cell + self.origin
 
-    def at(self, values: np.ndarray, points, outside) -> np.ndarray:
+    def at(self, values: np.ndarray, points: ArrayLike, outside: float) -> np.ndarray:
         """Cell values under points (k, ≥ 2) [m]; `outside` where there is no cell."""
         index = self.index(points)
         inside = self.inside(index)
@@ -69,7 +71,7 @@ class Occupancy:
         """(nx, ny) of UNKNOWN, FREE, OCCUPIED."""
         return np.where(self.log_odds == 0, UNKNOWN, np.where(self.log_odds > 0, OCCUPIED, FREE)).astype(np.int8)
 
-    def carved(self, origin, ends, hits, config: Config = _DEFAULT) -> "Occupancy":
+    def carved(self, origin: ArrayLike, ends: ArrayLike, hits: ArrayLike, config: Config = _DEFAULT) -> "Occupancy":
         """After seeing rays from `origin` (≥ 2,) to `ends` (k, ≥ 2) [m]; `hits` (k,): the ray ended on a surface.
 
         A hit outweighs several passes, since a ray that grazes a wall also crosses the free part of its cells; one
@@ -84,7 +86,9 @@ class Occupancy:
         log_odds[window] = _bounded(log_odds[window] + change, (log_odds[window] != 0) | free | hit, config)
         return Occupancy(self.lattice, log_odds)
 
-    def carved_around(self, origin, ends, hits, low: float, high: float, config: Config = _DEFAULT) -> "Occupancy":
+    def carved_around(
+        self, origin: ArrayLike, ends: ArrayLike, hits: ArrayLike, low: float, high: float, config: Config = _DEFAULT
+    ) -> "Occupancy":
         """`carved` for rays in space, of what stands between the heights `low` and `high` [m]; ends (k, 3) [m].
 
         A surface hit there is taken as certain. A ray says that a cell is free where it runs at most `low_ray` above
@@ -135,7 +139,7 @@ class Occupancy:
         search.carve(free, hit, starts, ends, np.asarray(hits, bool))
         return free, hit
 
-    def blocked(self, points, config: Config = _DEFAULT) -> "Occupancy":
+    def blocked(self, points: ArrayLike, config: Config = _DEFAULT) -> "Occupancy":
         """With the unknown cells that hold one of the points (k, ≥ 2) [m] taken for occupied."""
         cells = self.lattice.index(points)
         x, y = cells[self.lattice.inside(cells)].T
@@ -143,11 +147,11 @@ class Occupancy:
         log_odds[x, y] = np.where(log_odds[x, y] == 0, config.evidence_hit, log_odds[x, y])
         return Occupancy(self.lattice, log_odds)
 
-    def cropped(self, points, margin: float) -> "Occupancy":
+    def cropped(self, points: ArrayLike, margin: float) -> "Occupancy":
         """Only the box around the known cells and the given points (k, ≥ 2) [m], `margin` [m] wider on every side."""
         known = self.log_odds != 0
-        along = [np.flatnonzero(known.any(1 - axis))[[0, -1]] for axis in (0, 1)] if known.any() else np.zeros((2, 0))
-        cells = np.concatenate([np.stack(along, 1), self.lattice.index(points)]).astype(int)
+        along = [np.flatnonzero(known.any(1 - axis))[[0, -1]] for axis in (0, 1)] if known.any() else []
+        cells = np.concatenate([np.array(along, int).reshape(2, -1).T, self.lattice.index(points)])
         rim = int(np.ceil(margin / self.lattice.cell))
         low = np.clip(cells.min(0) - rim, 0, np.array(self.lattice.shape) - 1)
         high = np.clip(cells.max(0) + rim + 1, low + 1, self.lattice.shape)
@@ -241,7 +245,7 @@ def geodesic(cost: np.ndarray, sources: np.ndarray, limit: float = np.inf) -> np
     return search.shortest(np.asarray(cost, float), sources, np.array([-1, -1]), float(limit))[0]
 
 
-def path(cost: np.ndarray, start, goal) -> np.ndarray | None:
+def path(cost: np.ndarray, start: ArrayLike, goal: ArrayLike) -> np.ndarray | None:
     """Cells (k, 2) of a cheapest path by A*, both ends included; None where there is no way."""
     start, goal = np.asarray(start, np.int64), np.asarray(goal, np.int64)
     _check_cells(cost, np.stack([start, goal]))

@@ -1,14 +1,17 @@
 """Who talks to whom: communication graphs over robots 0 … n−1 (Section V-B)."""
 
+from collections.abc import Callable
+
 import networkx as nx
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 def _ring(n: int) -> nx.Graph:
     return nx.cycle_graph(n) if n > 2 else nx.path_graph(n)  # networkx closes a ring of one into a self-loop
 
 
-GRAPHS = {
+GRAPHS: dict[str, Callable[[int], nx.Graph]] = {
     "complete": nx.complete_graph,
     "ring": _ring,
     "line": nx.path_graph,
@@ -16,7 +19,7 @@ GRAPHS = {
 }
 
 
-def build(name: str, n) -> nx.Graph:
+def build(name: str, n: int) -> nx.Graph:
     """The graph called `name` in GRAPHS over n robots. Raises ValueError for another name or fewer than one robot."""
     if name not in GRAPHS:
         raise ValueError(f"network: no graph is called '{name}'; choose one of {', '.join(GRAPHS)}")
@@ -25,7 +28,7 @@ def build(name: str, n) -> nx.Graph:
     return GRAPHS[name](int(n))
 
 
-def in_range(positions, radius) -> nx.Graph:
+def in_range(positions: ArrayLike, radius: float) -> nx.Graph:
     """Links between robots at positions (n, d) [m] no further apart than `radius` [m]; may be disconnected."""
     positions = np.asarray(positions, float)
     distance = np.linalg.norm(positions[:, None] - positions, axis=-1)
@@ -34,7 +37,7 @@ def in_range(positions, radius) -> nx.Graph:
     return graph
 
 
-def check(graph, n) -> None:
+def check(graph: nx.Graph, n: int) -> None:
     """Raises ValueError unless `graph` is an undirected, connected graph without self-loops over robots 0 … n−1."""
     if n < 1:
         raise ValueError(f"network: a team needs at least one robot, got {n}")
@@ -52,7 +55,7 @@ def check(graph, n) -> None:
         raise ValueError(f"network: the robots {named} cannot reach each other; add a link between the parts")
 
 
-def neighbours(graph: nx.Graph, robot) -> list[int]:
+def neighbours(graph: nx.Graph, robot: int) -> list[int]:
     """N_i, the robots one hop away, in ascending order."""
     return sorted(int(j) for j in graph.neighbors(robot))
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from mannbv import archive, geometry
@@ -69,26 +70,25 @@ class SplatMap:
         """Σ = R S² Rᵀ [m²]."""
         return geometry.covariances(self.log_scales, self.rotations)
 
-    def tensors(self) -> tuple[Tensor, ...]:
+    def tensors(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
         """The five fields in order."""
-        return tuple(getattr(self, f.name) for f in dataclasses.fields(self))
+        return self.means, self.log_scales, self.rotations, self.opacity_logits, self.colors
 
-    def select(self, index) -> "SplatMap":
+    def select(self, index: ArrayLike) -> "SplatMap":
         """The splats at integer or boolean `index`, in that order."""
-        index = torch.as_tensor(index, device=self.means.device)
-        index = index if index.numel() else index.long()  # an empty list has no type of its own
-        return SplatMap(*(t[index] for t in self.tensors()))
+        rows = torch.as_tensor(index, device=self.means.device)
+        rows = rows if rows.numel() else rows.long()  # an empty list has no type of its own
+        return SplatMap(*(t[rows] for t in self.tensors()))
 
-    def to(self, *args, **kwargs) -> "SplatMap":
+    def to(self, like: Tensor | torch.dtype | torch.device) -> "SplatMap":
         """As `torch.Tensor.to`: another device or precision."""
-        return SplatMap(*(t.to(*args, **kwargs) for t in self.tensors()))
+        return SplatMap(*(t.to(like) for t in self.tensors()))
 
     @staticmethod
     def empty(dim: int) -> "SplatMap":
         """A map without splats."""
-        return SplatMap(
-            *(torch.zeros(0, k) for k in (dim, dim, 2 if dim == 2 else 4)), torch.zeros(0), torch.zeros(0, 3)
-        )
+        shapes = (0, dim), (0, dim), (0, 2 if dim == 2 else 4), (0,), (0, 3)
+        return SplatMap(*(torch.zeros(shape) for shape in shapes))
 
 
 def union(*maps: SplatMap) -> SplatMap:
@@ -98,20 +98,20 @@ def union(*maps: SplatMap) -> SplatMap:
     return SplatMap(*(torch.cat(parts) for parts in zip(*(m.tensors() for m in maps), strict=True)))
 
 
-def lifted(flat: SplatMap, heights, std: float) -> SplatMap:
+def lifted(flat: SplatMap, heights: ArrayLike, std: float) -> SplatMap:
     """A flatland map repeated at `heights` (k,) [m]: 3-D splats, all of `flat` at the first height, then the next.
 
     Each keeps its colour and opacity, turns about the vertical as it did in the plane, and gets the standard deviation
     `std` [m] upwards. Raises ValueError for a map of space, or heights and `std` that are none.
     """
-    heights = torch.as_tensor(heights).to(flat.means)
+    at = torch.as_tensor(heights).to(flat.means)
     if flat.dim != 2:
         raise ValueError(f"lifted: the map is {flat.dim}-D already; give a flatland map")
-    if heights.ndim != 1 or not bool(torch.isfinite(heights).all()):
-        raise ValueError(f"lifted: heights must be a list of finite numbers [m], got {heights.tolist()}")
+    if at.ndim != 1 or not bool(torch.isfinite(at).all()):
+        raise ValueError(f"lifted: heights must be a list of finite numbers [m], got {at.tolist()}")
     if not 0 < std < math.inf:
         raise ValueError(f"lifted: std must be a positive number of metres, got {std}")
-    n, k = flat.n_splats, len(heights)
+    n, k = flat.n_splats, len(at)
     half = torch.atan2(flat.rotations[:, 1], flat.rotations[:, 0]) / 2
     quaternions = torch.stack([half.cos(), 0 * half, 0 * half, half.sin()], 1)
     means, log_scales, quaternions, logits, colors = (
@@ -119,11 +119,11 @@ def lifted(flat: SplatMap, heights, std: float) -> SplatMap:
         for part in (flat.means, flat.log_scales, quaternions, flat.opacity_logits, flat.colors)
     )
     upwards = torch.full((n * k, 1), math.log(std)).to(log_scales)
-    means = torch.cat([means, heights.repeat_interleave(n)[:, None]], 1)
+    means = torch.cat([means, at.repeat_interleave(n)[:, None]], 1)
     return SplatMap(means, torch.cat([log_scales, upwards], 1), quaternions, logits, colors)
 
 
-def save(splat_map: SplatMap, path) -> None:
+def save(splat_map: SplatMap, path: str | Path) -> None:
     """Write a map to `.npz` (both dimensions) or `.ply` (3-D, the standard 3DGS layout)."""
     path = Path(path)
     if path.suffix == ".npz":
@@ -134,7 +134,7 @@ def save(splat_map: SplatMap, path) -> None:
         raise FormatError(f"{path}: unknown ending '{path.suffix}'; use .npz or .ply")
 
 
-def load(path) -> SplatMap:
+def load(path: str | Path) -> SplatMap:
     """Read a map from `.npz` or `.ply`; nothing in the file is ever executed.
 
     Raises FormatError for a file that is missing, truncated, of the wrong shape or not finite.
@@ -246,7 +246,7 @@ def _load_ply(path: Path) -> dict[str, np.ndarray]:
         rows = np.fromfile(file, record, count)
     if room > count and head[:end].count(b"\nelement ") == 1:
         warnings.warn(f"{path}: only the {count} splats its header promises are read, of {room}", stacklevel=3)
-    if any(np.any(rows[name] != 0) for name in record.names if name.startswith("f_rest_")):
+    if any(np.any(rows[name] != 0) for name in record.names or () if name.startswith("f_rest_")):
         warnings.warn(f"{path}: spherical harmonics beyond degree 0 are dropped", stacklevel=3)
 
     def columns(*names: str) -> np.ndarray:

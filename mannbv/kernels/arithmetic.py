@@ -4,6 +4,7 @@ A kernel is compiled once for float32, in use, and once for float64, in tests: c
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
@@ -12,8 +13,8 @@ from numba.extending import intrinsic, overload
 
 # sums may be grouped as suits the processor, always in the same way; nan and inf are refused before a kernel runs
 _FAST = {"nnan", "ninf", "nsz", "arcp", "contract", "afn", "reassoc"}
-KERNEL = {"cache": True, "nogil": True, "fastmath": _FAST, "error_model": "numpy"}
-PARALLEL = KERNEL | {"parallel": True}
+KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "fastmath": _FAST, "error_model": "numpy"}
+PARALLEL: dict[str, Any] = KERNEL | {"parallel": True}
 
 _C0, _C1, _C2, _C3, _C4, _C5 = (np.float32(math.log(2) ** k / math.factorial(k)) for k in range(6))
 _BIAS, _MANTISSA = np.int32(127), np.int32(23)
@@ -35,7 +36,8 @@ def _exp2_single(x):
     whole = np.rint(x)
     part = x - whole
     power = _C0 + part * (_C1 + part * (_C2 + part * (_C3 + part * (_C4 + part * _C5))))
-    return power * _as_float(np.int32((np.int32(whole) + _BIAS) << _MANTISSA))
+    bits = np.int32((np.int32(whole) + _BIAS) << _MANTISSA)
+    return power * _as_float(bits)  # pyright: ignore[reportCallIssue]  numba adds the first argument
 
 
 def exp2(x):

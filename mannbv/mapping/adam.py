@@ -21,7 +21,7 @@ class Moments:
     steps: Int[Tensor, " n"]
 
     @staticmethod
-    def none(n: int, width: int, dtype=torch.float32) -> "Moments":
+    def none(n: int, width: int, dtype: torch.dtype = torch.float32) -> "Moments":
         """No memory yet of n splats; dtype: that of their parameters."""
         empty = torch.zeros(n, width, dtype=dtype)
         return Moments(empty, empty.clone(), torch.zeros(n, dtype=torch.int64))
@@ -60,5 +60,6 @@ def step_all(rows: Tensor, slopes: Tensor, moments: Moments, rates: Tensor, conf
 
 def step_seen(rows: Tensor, slopes: Tensor, moments: Moments, rates: Tensor, config: Config = _DEFAULT) -> None:
     """One step, in place, of the splats with any slope; the others keep their place and their memory."""
-    arrays = (part.numpy() for part in (rows, slopes, *moments.tensors(), rates.to(rows)))
-    adam.step(*arrays, config.adam_beta1, config.adam_beta2, config.adam_epsilon)
+    first, second, steps = (part.numpy() for part in moments.tensors())
+    settings = config.adam_beta1, config.adam_beta2, config.adam_epsilon
+    adam.step(rows.numpy(), slopes.numpy(), first, second, steps, rates.to(rows).numpy(), *settings)

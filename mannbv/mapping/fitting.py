@@ -35,7 +35,7 @@ def refine(
     lengths = [rate * config.learning_rate for rate, w in zip(groups, widths, strict=True) for _ in range(w)]
     rates = torch.tensor(lengths, dtype=torch.float64)
     rows = torch.cat(fields, 1).requires_grad_()
-    memory = Moments.none(*rows.shape, rows.dtype) if moments is None else moments.copy()
+    memory = Moments.none(*rows.shape, dtype=rows.dtype) if moments is None else moments.copy()
     for turn in range(steps):
         frame = frames[-1] if turn % 2 == 0 else frames[-1 - (turn // 2) % len(frames)]
         if not bool(frame.valid.any()):

@@ -36,7 +36,7 @@ class LocalMap:
     def empty(dim: int, n_parameters: int) -> "LocalMap":
         return LocalMap(SplatMap.empty(dim), torch.zeros(0, dtype=torch.int64), torch.zeros(0, n_parameters))
 
-    def replace(self, **changes) -> "LocalMap":
+    def replace(self, **changes: object) -> "LocalMap":
         return dataclasses.replace(self, **changes)
 
     def grown(self, fresh: SplatMap) -> "LocalMap":

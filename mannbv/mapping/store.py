@@ -38,12 +38,12 @@ def from_arrays(arrays: Mapping[str, np.ndarray], prefix: str = "") -> LocalMap:
     return LocalMap(splat_map, ids, prior, keyframes, int(arrays[f"{prefix}born"]), moments)
 
 
-def save(local: LocalMap, path) -> None:
+def save(local: LocalMap, path: str | Path) -> None:
     """Write a local map to `path` (.npz without pickle); the file is whole at any moment."""
     archive.write(path, to_arrays(local))
 
 
-def load(path) -> LocalMap:
+def load(path: str | Path) -> LocalMap:
     """Read a local map; nothing in the file is ever executed. Raises splats.FormatError for anything else."""
     try:
         return from_arrays(archive.read(path))

@@ -240,6 +240,7 @@ def densities(
             pull = 1.0 / ahead
             away, stretch, own = focal * sin * pull, pull * pull, (slant * cos - sin) * pull
             wide, held = var[s] * stretch * stretch + low_pass, abs(own) > limit
+            across = along = 0.0
             if held:  # the Jacobian's ray stops at the limit: the splat's depth shows, and shrinks it
                 cos = 1.0 / math.sqrt(1.0 + own * own)
                 sin, bound = own * cos, math.copysign(limit, own)
