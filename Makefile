@@ -55,9 +55,10 @@ explore: $(READY) ## all explorers on one page without code, under Voilà
 notebooks: $(READY) ## run every notebook and store its outputs, byte for byte the same each time
 	$(strip $(PY) tools/notebooks.py $(ARGS))
 
-lint: $(READY) ## ruff over code and notebooks
+lint: $(READY) ## ruff over code and notebooks, pyright over the package
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
+	$(PY) -m basedpyright --pythonpath $(PY)
 
 lock: $(READY) ## rewrite requirements.lock from what .venv holds
 	$(PY) tools/lock.py
@@ -74,7 +75,7 @@ $(READY): pyproject.toml requirements.lock
 	  $(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "mannbv needs Python 3.11 or newer, and $(PYTHON) is older: name a newer one: make PYTHON=/path/to/python3.12" >&2; exit 1; }; \
 	  $(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { echo "$(PYTHON) lacks the venv module: install it (Debian, Ubuntu: apt install python3-venv), or name another Python: make PYTHON=/path/to/python3" >&2; exit 1; }; \
 	  $(PYTHON) -m venv --clear $(VENV); }
-	@echo "Installing requirements.lock into $(VENV): from nothing a minute or more, and 1.7 GB"
+	@echo "Installing requirements.lock into $(VENV): from nothing a minute or more, and 2 GB"
 	$(PY) -m pip install --quiet -r requirements.lock
 	$(PY) -m pip install --quiet --no-deps --no-build-isolation -e .
 	@$(PY) -c 'import matplotlib.font_manager'

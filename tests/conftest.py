@@ -22,7 +22,7 @@ def _rooms() -> list[str]:
 
 
 # the hook takes prefixes, so "mannbv" alone would cover the kernels too
-jaxtyping.install_import_hook(_rooms(), "beartype.beartype")
+jaxtyping.install_import_hook(_rooms(), "typechecker.checked")
 
 torch.set_num_threads(1)
 numba.set_num_threads(1)

@@ -48,7 +48,7 @@ def test_links_in_range_follow_the_distances():
         (np.ones((2, 2)), 2, "undirected networkx.Graph, got ndarray"),
     ],
 )
-def test_a_bad_graph_is_named(graph, n, words):
+def test_a_bad_graph_is_named(graph, n, words, unchecked):
     with pytest.raises(ValueError, match=words) as error:
         network.check(graph, n)
     assert "\n" not in str(error.value)

@@ -95,6 +95,7 @@ def test_the_wheel_holds_the_scenes_and_the_licence_and_no_tests(unpacked):
     assert scenes
     assert scenes <= files
     assert any(name.endswith("licenses/LICENSE") for name in files)
+    assert "mannbv/py.typed" in files  # a type checker then believes the annotations
     assert {name.split("/")[0] for name in files} == {"mannbv", f"mannbv-{PROJECT['version']}.dist-info"}
 
 
@@ -129,6 +130,14 @@ def test_bare_make_lists_every_target():
     phony = re.search(r"^\.PHONY: (.+)$", text("Makefile"), flags=re.MULTILINE).group(1).split()
     assert listed == phony
     assert {"run", "test", "test-generic", "exercises", "lab", "notebooks", "lint", "clean"} <= set(listed)
+
+
+@needs_make
+def test_lint_checks_the_types_of_the_whole_package_with_the_interpreter_that_has_its_libraries():
+    assert "-m basedpyright --pythonpath .venv/bin/python\n" in run("make", "-n", "lint", cwd=ROOT).stdout
+    settings = tomllib.loads(text("pyproject.toml"))["tool"]["pyright"]
+    assert (settings["include"], settings["typeCheckingMode"]) == (["mannbv"], "standard")
+    assert not {"ignore", "exclude"} & settings.keys()
 
 
 @needs_make
