@@ -22,7 +22,7 @@ def calibration_figure(found: Calibration) -> Figure:
     waypoints = found.forecasts
     ends = np.concatenate([waypoints.alpha.ravel(), waypoints.clearance])
     limits = float(ends.min()) - 0.05, float(ends.max()) + 0.05
-    made, axes = canvas.figure(11.5, 4.1, 1, 3)
+    made, axes = canvas.figure(11.5, 4.1, columns=3)
     with canvas.style():
         for kind, ax in enumerate(axes[:2]):
             _points(ax, found, kind, limits)
@@ -63,7 +63,7 @@ def _shares(ax: Axes, found: Calibration) -> None:
     ax.legend(loc="upper right", frameon=False, fontsize=8)
 
 
-def _bars(ax: Axes, x, y, low, high, color, mark: dict, label: str) -> None:
+def _bars(ax: Axes, x, y, low, high, color: str, mark: dict, label: str) -> None:
     """Points with their intervals; where there is none, the point alone."""
     ends = np.where(np.isfinite(low), [y - low, high - y], 0.0).clip(min=0.0)
     ax.errorbar(x, y, ends, linestyle="none", color=color, capsize=2.5, label=label, **mark)

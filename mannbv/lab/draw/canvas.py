@@ -1,12 +1,16 @@
 """Colours, type sizes, figures without pyplot, and their files."""
 
 import io
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import overload
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.typing import RcKeyType
 
 from mannbv import archive
 
@@ -17,7 +21,7 @@ COLORS = (
 )  # fmt: skip
 RISK_MAP = "cividis"
 
-_STYLE = {
+_STYLE: dict[RcKeyType, float | str | bool] = {
     "font.size": 9,
     "axes.titlesize": 10,
     "axes.labelsize": 9,
@@ -36,32 +40,42 @@ _STYLE = {
 
 
 @contextmanager
-def style():
+def style() -> Iterator[None]:
     """Our type sizes and colours, for what is drawn inside; nothing stays changed."""
     with mpl.rc_context(_STYLE):
         yield
 
 
-def robot_color(robot) -> str:
+def robot_color(robot: int) -> str:
     """The colour of robot `robot` in every picture; from the eleventh robot on they repeat."""
     return COLORS[int(robot) % len(COLORS)]
 
 
-def figure(width=6.0, height=4.0, rows: int = 1, columns: int = 1, **options) -> tuple[Figure, object]:
+@overload
+def figure(width: float = ..., height: float = ...) -> tuple[Figure, Axes]: ...
+@overload
+def figure(
+    width: float = ..., height: float = ..., rows: int = ..., *, columns: int, sharex: bool = ...,
+    sharey: bool = ..., width_ratios: Sequence[float] | None = ...,
+) -> tuple[Figure, np.ndarray]: ...  # fmt: skip
+def figure(
+    width: float = 6.0, height: float = 4.0, rows: int = 1, columns: int = 1, *, sharex: bool = False,
+    sharey: bool = False, width_ratios: Sequence[float] | None = None,
+) -> tuple[Figure, Axes | np.ndarray]:  # fmt: skip
     """A figure of width × height inches and its axes, as `matplotlib.pyplot.subplots` gives them, without its state."""
     with style():
         made = Figure(figsize=(width, height), layout="constrained")
-        return made, made.subplots(rows, columns, **options)
+        return made, made.subplots(rows, columns, sharex=sharex, sharey=sharey, width_ratios=width_ratios)
 
 
-def placed(canvas: Figure, left, top, width, height) -> Axes:
+def placed(canvas: Figure, left: float, top: float, width: float, height: float) -> Axes:
     """Axes at a place given in inches from the figure's upper left corner."""
     full_width, full_height = canvas.get_size_inches()
     box = left / full_width, 1 - (top + height) / full_height, width / full_width, height / full_height
     return canvas.add_axes(box)
 
 
-def save(canvas: Figure, path, dpi=120) -> Path:
+def save(canvas: Figure, path: str | Path, dpi: float = 120) -> Path:
     """Write a figure to .png or .svg, byte for byte the same each time; returns the path."""
     path = Path(path)
     if path.suffix not in (".png", ".svg"):
@@ -72,7 +86,7 @@ def save(canvas: Figure, path, dpi=120) -> Path:
     return path
 
 
-def show(canvas: Figure, dpi=100) -> None:
+def show(canvas: Figure, dpi: float = 100) -> None:
     """Display a figure in a notebook, in 256 colours: a third of the bytes to store."""
     from IPython import display
     from PIL import Image
@@ -84,7 +98,7 @@ def show(canvas: Figure, dpi=100) -> None:
     display.display(display.Image(out.getvalue()))
 
 
-def _bytes(canvas: Figure, kind: str, dpi) -> bytes:
+def _bytes(canvas: Figure, kind: str, dpi: float) -> bytes:
     out = io.BytesIO()
     with style():
         canvas.savefig(out, format=kind, dpi=dpi, metadata={"png": {"Software": None}, "svg": {"Date": None}}[kind])

@@ -11,12 +11,13 @@ from mannbv.lab.draw.canvas import COLORS, INK, PALE, placed
 from mannbv.lab.draw.team import WIDTH
 from mannbv.lab.study import Results
 from mannbv.metrics import SCORES, Score
+from mannbv.world import World
 
 _GAP = 0.85  # inches between two rows of panels
 _PANELS = ("total_risk_true_m", "psnr_db", "path_overhead", "sent_per_cycle_b")
 
 
-def compare_figure(results: Results, record: Record, world) -> Figure:
+def compare_figure(results: Results, record: Record, world: World) -> Figure:
     """Left: the plan and the ways taken in `record`; right: all strategies of `results`; below: the robots' beliefs."""
     snapshot, whole = study.snapshot(record), team.explored(record, world)
     plan_height = min(4.2, 6.2 * whole.aspect)

@@ -19,7 +19,7 @@ def cost_figure(report: dict) -> Figure:
 
     Against splats and pixels CPU time of one thread, which a busy machine hardly changes; against threads the clock.
     """
-    made, axes = canvas.figure(11.0, 3.6, 1, 3, sharey=True)
+    made, axes = canvas.figure(11.0, 3.6, columns=3, sharey=True)
     rows = [row for row in report["results"] if "over" in row["facts"]]
     with canvas.style():
         for ax, over in zip(axes, ("splats", "pixels", "threads"), strict=True):

@@ -10,22 +10,28 @@ from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Wedge
+from matplotlib.typing import ColorType, LineStyleType
+from numpy.typing import ArrayLike
 
 from mannbv import grid
+from mannbv.camera import Frame
+from mannbv.information import YawProfile
 from mannbv.lab.draw.canvas import COLORS, GROUND, INK, PALE, RISK_MAP, UNKNOWN
+from mannbv.render import Rendering
+from mannbv.splats import SplatMap
 from mannbv.world import World
 
 _REACH = 2.0  # standard deviations that a splat's ellipse shows
 
 
-def ground_axes(ax: Axes, lower=None, upper=None) -> None:
+def ground_axes(ax: Axes, lower: ArrayLike | None = None, upper: ArrayLike | None = None) -> None:
     """Equal metres along both axes, named; the window from `lower` to `upper` (2,) [m] if given."""
     ax.set_aspect("equal")
     ax.set_xlabel("x [m]")
     ax.set_ylabel("y [m]")
-    if lower is not None:
-        ax.set_xlim(lower[0], upper[0])
-        ax.set_ylim(lower[1], upper[1])
+    if lower is not None and upper is not None:
+        (left, bottom), (right, top) = np.asarray(lower, float)[:2], np.asarray(upper, float)[:2]
+        ax.set(xlim=(left, right), ylim=(bottom, top))
 
 
 def _cells(ax: Axes, values: np.ndarray, lattice: grid.Lattice, **options) -> AxesImage:
@@ -37,12 +43,12 @@ def _cells(ax: Axes, values: np.ndarray, lattice: grid.Lattice, **options) -> Ax
     )  # fmt: skip
 
 
-def plan(ax: Axes, world: World, cell=0.05) -> LineCollection:
+def plan(ax: Axes, world: World, cell: float = 0.05) -> LineCollection:
     """The true plan: free floor in white, the rest grey, every wall in its colour."""
     walls = world.ground.walls
     lattice, free = world.ground.free_grid(cell, 0.0)
     _cells(ax, free.astype(float), lattice, cmap=ListedColormap(["#d4d4d4", GROUND]), vmin=0, vmax=1, zorder=0)
-    surfaces = LineCollection(walls.ends.reshape(-1, 2, 2), colors=walls.colors, linewidths=1.6, zorder=2)
+    surfaces = LineCollection(list(walls.ends.reshape(-1, 2, 2)), colors=walls.colors, linewidths=1.6, zorder=2)
     ax.add_collection(surfaces)
     ground_axes(ax, walls.lower - 0.2, walls.upper + 0.2)
     return surfaces
@@ -56,12 +62,14 @@ def ground(ax: Axes, occupancy: grid.Occupancy) -> AxesImage:
     return image
 
 
-def splats(ax: Axes, splat_map, opacity=1.0, edge=None, seen_from_above=slice(0, 2)) -> EllipseCollection:
+def splats(
+    ax: Axes, splat_map: SplatMap, opacity: float = 1.0, edge: ColorType | None = None
+) -> EllipseCollection:
     """Splats as ellipses of two standard deviations in their colours, as opaque as they are, times `opacity`."""
     with torch.no_grad():
-        covariance = splat_map.covariances()[:, seen_from_above, seen_from_above].double().cpu()
+        covariance = splat_map.covariances()[:, :2, :2].double().cpu()
         length, axes = torch.linalg.eigh(covariance)
-        centers = splat_map.means[:, seen_from_above].cpu().numpy()
+        centers = splat_map.means[:, :2].cpu().numpy()
         colors = np.clip(splat_map.colors.detach().cpu().numpy(), 0, 1)
         alphas = splat_map.opacities.detach().cpu().numpy() * opacity
     width, height = 2 * _REACH * length.clamp_min(0).sqrt().numpy().T[::-1] if len(centers) else (np.zeros(0),) * 2
@@ -75,22 +83,34 @@ def splats(ax: Axes, splat_map, opacity=1.0, edge=None, seen_from_above=slice(0,
     return drawn
 
 
-def view(ax: Axes, position, yaw, fov=math.pi / 2, length=1.0, color=COLORS[0], fill=0.3, **options) -> Wedge:
+def view(
+    ax: Axes, position: ArrayLike, yaw: float, fov: float = math.pi / 2, length: float = 1.0,
+    color: ColorType = COLORS[0], fill: float = 0.3, hatch: str | None = None,
+) -> Wedge:  # fmt: skip
     """A camera at `position` (≥ 2,) [m] looking along `yaw` [rad], its field of view `length` [m] deep."""
     low, high = math.degrees(yaw - fov / 2), math.degrees(yaw + fov / 2)
-    face = (*to_rgb(color), fill)
-    options = {"linewidth": 1.3, "zorder": 5} | options
-    return ax.add_patch(Wedge(tuple(position[:2]), length, low, high, facecolor=face, edgecolor=color, **options))
+    x, y = np.asarray(position, float)[:2]
+    style = {"facecolor": (*to_rgb(color), fill), "edgecolor": color, "hatch": hatch, "linewidth": 1.3, "zorder": 5}
+    drawn = Wedge((x, y), length, low, high, **style)
+    ax.add_patch(drawn)
+    return drawn
 
 
-def zone(ax: Axes, waypoints, radii, color=COLORS[0], strength=0.22) -> PatchCollection:
+def zone(
+    ax: Axes, waypoints: ArrayLike, radii: ArrayLike, color: ColorType = COLORS[0], strength: float = 0.22
+) -> PatchCollection:
     """The balls B(p_k, r_k) of a mask [m], Eq. (11), as one pale region."""
     pale = tuple(1 - strength * (1 - part) for part in to_rgb(color))  # opaque: overlaps stay as pale
-    balls = [Circle(tuple(p[:2]), float(r)) for p, r in zip(waypoints, radii, strict=True)]
-    return ax.add_collection(PatchCollection(balls, facecolor=pale, edgecolor="none", zorder=1))
+    centers = np.asarray(waypoints, float)[:, :2]
+    balls = [Circle((x, y), r) for (x, y), r in zip(centers, np.asarray(radii, float), strict=True)]
+    drawn = PatchCollection(balls, facecolor=pale, edgecolor="none", zorder=1)
+    ax.add_collection(drawn)
+    return drawn
 
 
-def risk(ax: Axes, field: np.ndarray, lattice: grid.Lattice, low=0.0, high=None) -> AxesImage:
+def risk(
+    ax: Axes, field: np.ndarray, lattice: grid.Lattice, low: float = 0.0, high: float | None = None
+) -> AxesImage:
     """A risk field α (nx, ny) [m] as a heat map, dark where dangerous; nan shows as unknown."""
     ax.set_facecolor(UNKNOWN)
     known = field[np.isfinite(field)]
@@ -101,14 +121,17 @@ def risk(ax: Axes, field: np.ndarray, lattice: grid.Lattice, low=0.0, high=None)
     return image
 
 
-def path(ax: Axes, waypoints, color=COLORS[0], **options) -> Line2D:
+def path(
+    ax: Axes, waypoints: ArrayLike, color: ColorType = COLORS[0], *, linewidth: float = 1.8,
+    linestyle: LineStyleType = "-", label: str | None = None,
+) -> Line2D:  # fmt: skip
     """Waypoints (k, ≥ 2) [m] as a line."""
-    waypoints = np.asarray(waypoints, float)
-    options = {"linewidth": 1.8, "solid_capstyle": "round", "zorder": 4} | options
-    return ax.plot(waypoints[:, 0], waypoints[:, 1], color=color, **options)[0]
+    x, y = np.asarray(waypoints, float).T[:2]
+    style = {"linewidth": linewidth, "linestyle": linestyle, "solid_capstyle": "round", "zorder": 4}
+    return ax.plot(x, y, color=color, label=label, **style)[0]
 
 
-def profile(ax: Axes, yaw_profile, color=COLORS[0], label: str | None = None) -> Line2D:
+def profile(ax: Axes, yaw_profile: YawProfile, color: ColorType = COLORS[0], label: str | None = None) -> Line2D:
     """The gain of every yaw of a view, its best marked."""
     line = ax.plot(yaw_profile.yaws, yaw_profile.gains, color=color, label=label)[0]
     best = int(np.argmax(yaw_profile.gains))
@@ -121,8 +144,8 @@ def profile(ax: Axes, yaw_profile, color=COLORS[0], label: str | None = None) ->
     return line
 
 
-def strip(ax: Axes, image, color=INK, label: str | None = None) -> Line2D:
-    """A one-row RGB-D image (a frame or a rendering): a band of its colours above the curve of its depth."""
+def strip(ax: Axes, image: Frame | Rendering, color: ColorType = INK, label: str | None = None) -> Line2D:
+    """A one-row RGB-D image: a band of its colours above the curve of its depth."""
     colors = np.clip(image.color.detach().cpu().numpy().reshape(-1, 3), 0, 1)
     depth = image.depth.detach().cpu().numpy().reshape(-1)
     n = len(depth)

@@ -9,9 +9,11 @@ import numpy as np
 import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import ArrayLike
 
 from mannbv import risk
 from mannbv.config import Config
@@ -21,6 +23,7 @@ from mannbv.lab import report, study
 from mannbv.lab.draw import canvas, parts
 from mannbv.lab.draw.canvas import INK, PALE, placed, robot_color
 from mannbv.lab.study import RobotSnapshot, Snapshot
+from mannbv.world import World
 
 WIDTH = 16.0  # inches of every team picture
 _LEFT, _RIGHT, _GAP, _TITLE, _AXIS = 0.85, 0.95, 0.14, 0.3, 0.48
@@ -45,7 +48,7 @@ class Window:
         """Height over width."""
         return float(self.size[1] / self.size[0])
 
-    def shaped(self, aspect) -> "Window":
+    def shaped(self, aspect: float) -> "Window":
         """The smallest window of this aspect around it."""
         width, height = self.size
         size = np.array([max(width, height / aspect), max(height, width * aspect)])
@@ -57,7 +60,7 @@ class Window:
         ax.set_ylim(self.lower[1], self.upper[1])
 
 
-def team_figure(record: Record, world, config: Config | None = None, cycle: int | None = None) -> Figure:
+def team_figure(record: Record, world: World, config: Config | None = None, cycle: int | None = None) -> Figure:
     """The plan with everyone's trail and the team's progress; per robot its risk field, and below it its belief around
     the path: splats, masked zone, chosen view and the views that teammates suggest.
 
@@ -114,7 +117,7 @@ def _over_cycles(ax: Axes, cycle: int, title: str, unit: str) -> None:
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def explored(record: Record, world) -> Window:
+def explored(record: Record, world: World) -> Window:
     """The part of the plan that some robot has seen, as far as it is the building."""
     seen, building = known(record), world.ground.walls
     lower, upper = np.maximum(seen.lower, building.lower - 0.2), np.minimum(seen.upper, building.upper + 0.2)
@@ -165,7 +168,7 @@ def heights(record: Record) -> str:
     return {3: f"From above: splats {low:g} to {high:g} m over the floor."}.get(record.robots[0].local.splats.dim, "")
 
 
-def trails(ax: Axes, record: Record, world, window: Window, title: str) -> None:
+def trails(ax: Axes, record: Record, world: World, window: Window, title: str) -> None:
     """The true plan with the ways that the robots took, from their starts (dots) to their goals (stars)."""
     parts.plan(ax, world)
     widths = np.linspace(5, 1.6, record.n_robots)  # thinner and thinner: none hides another
@@ -179,12 +182,13 @@ def trails(ax: Axes, record: Record, world, window: Window, title: str) -> None:
     ax.set_title(title, loc="left")
 
 
-def badge(ax: Axes, place, index: int, size=11) -> None:
+def badge(ax: Axes, place: ArrayLike, index: int, size: float = 11) -> None:
     """A robot: a dot with its number."""
-    ax.plot(place[0], place[1], "o", color=robot_color(index), markersize=size, markeredgecolor="white", zorder=7)
+    x, y = np.asarray(place, float)[:2]
+    ax.plot(x, y, "o", color=robot_color(index), markersize=size, markeredgecolor="white", zorder=7)
     ax.annotate(
         str(index),
-        place[:2],
+        (x, y),
         color="white",
         fontsize=size * 0.64,
         weight="bold",
@@ -203,7 +207,7 @@ def _panel_width() -> float:
     return (WIDTH - _LEFT - _RIGHT - (_COLUMNS - 1) * _GAP) / _COLUMNS
 
 
-def beliefs(made: Figure, snapshot: Snapshot, whole: Window, top, config: Config) -> None:
+def beliefs(made: Figure, snapshot: Snapshot, whole: Window, top: float, config: Config) -> None:
     """Two panels a robot, five robots a row: its risk field, and its belief around its path."""
     width = _panel_width()
     height = width * whole.aspect
@@ -232,19 +236,19 @@ def beliefs(made: Figure, snapshot: Snapshot, whole: Window, top, config: Config
         scale_bar(ax, near)
 
 
-def _row_name(made: Figure, name: str, top, height) -> None:
+def _row_name(made: Figure, name: str, top: float, height: float) -> None:
     made.text(
         0.13 / WIDTH, 1 - (top + height / 2) / made.get_figheight(), name, rotation=90, va="center", weight="bold"
     )
 
 
-def risk_panel(ax: Axes, robot: RobotSnapshot, low: float, high: float, near: Window):
+def risk_panel(ax: Axes, robot: RobotSnapshot, low: float, high: float, near: Window) -> AxesImage:
     """The risk field over the ground that a robot knows, its path, and a frame around what the belief panel shows."""
     lattice = robot.belief.ground.lattice
     image = parts.risk(ax, robot.risk, lattice, low, high)
     parts.path(ax, robot.path.reshape(-1, len(robot.position)), "white", linewidth=1.4)
     ax.add_patch(
-        Rectangle(near.lower, *near.size, fill=False, edgecolor=INK, linewidth=0.8, linestyle=(0, (4, 2)), zorder=5)
+        Rectangle((near.lower[0], near.lower[1]), *near.size, fill=False, edgecolor=INK, linewidth=0.8, linestyle=(0, (4, 2)), zorder=5)
     )
     badge(ax, robot.position, robot.index, 9)
     title = f"robot {robot.index}: {robot.belief.splats.n_splats:,} splats"
@@ -282,14 +286,14 @@ def belief(ax: Axes, robot: RobotSnapshot, config: Config) -> None:
         side.set_visible(True)
 
 
-def ray(ax: Axes, place, yaw, color, length) -> None:
+def ray(ax: Axes, place: np.ndarray, yaw: float, color: str, length: float) -> None:
     """A view that is only suggested: a line along its yaw."""
     away = np.array([math.cos(yaw), math.sin(yaw)])
     ends = np.stack([place[:2], place[:2] + length * away])
     ax.plot(ends[:, 0], ends[:, 1], color=color, linewidth=1.6, zorder=6, path_effects=HALO)
 
 
-def closeup(robot: RobotSnapshot, aspect) -> Window:
+def closeup(robot: RobotSnapshot, aspect: float) -> Window:
     """The window around a robot's path and view."""
     points = [robot.position[:2], *robot.path[:, :2]]
     if robot.view is not None:

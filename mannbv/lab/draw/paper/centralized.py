@@ -71,7 +71,7 @@ def _sizes(ax: Axes, record: Record, log: EpisodeLog) -> None:
     names = [f"robot {k}" for k in range(record.n_robots)]
     ax.stackplot(cycles, counts, colors=[robot_color(k) for k in range(record.n_robots)], labels=names, alpha=0.85)
     each = messages.centralized_bytes([1], record.robots[0].local.splats.dim) * _MIB
-    right = ax.secondary_yaxis("right", functions=(lambda n: n * each, lambda size: size / each))
+    right = ax.secondary_yaxis("right", functions=(lambda n: np.multiply(n, each), lambda size: np.divide(size, each)))
     right.set_ylabel("one uplink of all maps [MiB]")
     ax.set_ylabel("splats, stacked [1]")
     _over_cycles(ax, "Size of the global map", cycles)

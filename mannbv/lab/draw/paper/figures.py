@@ -1,6 +1,6 @@
 """Which record serves which of the paper's figures."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,7 +29,7 @@ def beliefs_figure(record: Record, cycle: int | None = None) -> Figure:
 
 
 # name of the file, the figure, the strategies of its records, the team size that the paper shows
-FIGURES = (
+FIGURES: tuple[tuple[str, Callable[..., Figure], tuple[str, ...], int], ...] = (
     ("figure1-overview", overview.overview_figure, ("distributed",), 3),
     ("figure2-mask-and-views", proposals.mask_figure, ("distributed",), 2),
     ("figure3-growth", centralized.growth_figure, ("centralized",), 5),
@@ -49,7 +49,7 @@ class _Run(NamedTuple):
     seed: int
 
 
-def paper_figures(files: Iterable) -> Iterator[tuple[str, Figure | None, str]]:
+def paper_figures(files: Iterable[str | Path]) -> Iterator[tuple[str, Figure | None, str]]:
     """From run files (.npz) the paper's figures, a set a scene: (name, figure, ""), or (name, None, why it is not
     there).
 

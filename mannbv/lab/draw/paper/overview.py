@@ -76,7 +76,7 @@ def _own(ax: Axes, record: Record, snapshot: study.Snapshot, k: int, whole: Wind
 def _traffic(ax: Axes, record: Record, cycle: int, middles: list[float]) -> None:
     """Arrows between each robot and all others, with the bytes that the ledger has for this cycle."""
     ledger = Ledger({key: row for key, row in record.ledger.rows.items() if key[4] == cycle})
-    width = ax.get_position().width * ax.figure.get_figwidth()
+    width = ax.bbox.width / ax.figure.dpi  # inches
     ax.set(xlim=(0, width), ylim=(0, _BAND))
     ax.set_axis_off()
     for k, x in enumerate(middles):
@@ -84,9 +84,8 @@ def _traffic(ax: Axes, record: Record, cycle: int, middles: list[float]) -> None
             (_BAND - 0.06, "sends", ledger.sent_by(k)),
             (0.5, "receives", ledger.received_by(k)),
         ):
-            ends = {"xy": (x, top - 0.44), "xytext": (x, top)}
             arrow = {"arrowstyle": "-|>", "color": robot_color(k), "linewidth": 2, "shrinkA": 0, "shrinkB": 0}
-            ax.annotate("", **ends, arrowprops=arrow)
+            ax.annotate("", (x, top - 0.44), (x, top), arrowprops=arrow)
             ax.text(x + 0.12, top - 0.2, f"{word} {kilobytes(n_bytes)}", va="center", color=INK, fontsize=9)
     box = {"boxstyle": "round,pad=0.45", "facecolor": "#f2f2f2", "edgecolor": "#bbbbbb"}
     ax.text(
@@ -119,7 +118,7 @@ def kilobytes(n_bytes: int) -> str:
 
 def _entries() -> dict:
     return {
-        "robot": page.dot("#555555", markersize=9),
+        "robot": page.dot("#555555", 9),
         "goal": Line2D([], [], marker="*", linestyle="", markersize=12, color="#555555"),
         "planned path": Line2D([], [], color="#555555", linewidth=2),
         "chosen view": page.wedge("#555555"),

@@ -5,11 +5,13 @@ import math
 
 import numpy as np
 import torch
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from numpy.typing import ArrayLike
 
 from mannbv import risk
 from mannbv.config import Config
@@ -29,7 +31,7 @@ def column_width(count: int) -> float:
     return min(_WIDEST, (_PAGE - LEFT - RIGHT - (count - 1) * GAP) / count)
 
 
-def page(width, height, title: str, note: str, record: Record, entries: dict) -> Figure:
+def page(width: float, height: float, title: str, note: str, record: Record, entries: dict[str, Artist]) -> Figure:
     """A page: its title, `height` for its panels, a legend of `entries` (name → artist), what the maps show."""
     note = "\n".join(filter(None, (note, team.heights(record))))
     columns = max(1, min(len(entries), int(width / 2.1)))
@@ -45,7 +47,7 @@ def page(width, height, title: str, note: str, record: Record, entries: dict) ->
     return made
 
 
-def beside(made: Figure, name: str, top, height) -> None:
+def beside(made: Figure, name: str, top: float, height: float) -> None:
     """The name of a row of panels, at the left edge."""
     x, y = 0.42 / made.get_figwidth(), 1 - (top + height / 2) / made.get_figheight()
     made.text(x, y, name, rotation=90, va="center", ha="center", weight="bold", color=INK)
@@ -60,7 +62,7 @@ def bare(ax: Axes, window: Window) -> None:
         side.set_visible(True)
 
 
-def from_above(ax: Axes, splat_map: SplatMap, height, config: Config, opacity=1.0) -> None:
+def from_above(ax: Axes, splat_map: SplatMap, height: ArrayLike, config: Config, opacity: float = 1.0) -> None:
     """A map from above, what a robot with its camera at `height` (d − 2,) [m] could meet, the largest splats lowest.
 
     Drawn as pixels also in .svg, where tens of thousands of ellipses would be a burden.
@@ -75,23 +77,23 @@ def back_then(robot: Robot, count: int) -> SplatMap:
     return robot.local.splats.select(torch.arange(min(count, robot.local.splats.n_splats)))
 
 
-def painted(splat_map: SplatMap, colors) -> SplatMap:
+def painted(splat_map: SplatMap, colors: str | np.ndarray) -> SplatMap:
     """The map in other colours: one by its name, or (n, 3)."""
     colors = np.broadcast_to(to_rgb(colors) if isinstance(colors, str) else colors, (splat_map.n_splats, 3))
     return dataclasses.replace(splat_map, colors=torch.tensor(colors).to(splat_map.colors))
 
 
-def dot(color, **options) -> Line2D:
+def dot(color: str, size: float | None = None) -> Line2D:
     """A legend's dot."""
-    return Line2D([], [], marker="o", linestyle="", color=color, **options)
+    return Line2D([], [], marker="o", linestyle="", color=color, markersize=size)
 
 
-def wedge(color) -> Patch:
+def wedge(color: str) -> Patch:
     """A legend's field of view."""
     return Patch(facecolor=(*to_rgb(color), 0.3), edgecolor=color)
 
 
-def ground_entries() -> dict:
+def ground_entries() -> dict[str, Artist]:
     """Legend entries of the ground that a robot knows."""
     return {
         "ground seen as occupied": Patch(facecolor=PALE),

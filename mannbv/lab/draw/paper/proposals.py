@@ -42,11 +42,11 @@ def mask_figure(record: Record, cycle: int | None = None) -> Figure:
             record, _entries(robot_color(one)),
         )  # fmt: skip
         ax = placed(made, lefts[0], top, width, tall)
-        scale = _mask(ax, pair[0], record, _around(pair[0].path[:, :2], aspect, 0.2 + float(pair[0].zone.radii.max())))
+        scale = _mask(ax, pair[0], record, aspect)
         ax.set_title(f"robot {one}: path, mask and weights", loc="left", color=robot_color(one), weight="bold")
         bar = made.colorbar(scale, cax=placed(made, LEFT + width + 0.12, top, 0.14, tall))
         bar.set_label("weight v of a splat, Eq. (13) [1]")
-        near = _around(np.concatenate([np.stack([p.position, p.view])[:, :2] for p in pair]), aspect, 1.6)
+        near = _around(np.concatenate([np.stack([p.position, _view(p)])[:, :2] for p in pair]), aspect, 1.6)
         for left, me, mate in zip(lefts[1:], pair, pair[::-1], strict=True):
             _proposals(placed(made, left, top, width, tall), record, me, mate, near)
     return made
@@ -57,23 +57,31 @@ def cycle_and_pair(record: Record, cycle: int | None = None) -> tuple[int, int, 
     is no such pair, a robot and one that it gives a view."""
     middle = study.midway(record) if cycle is None else cycle
     cycles = sorted(range(len(record.cycles)), key=lambda c: abs(c - middle)) if cycle is None else [cycle]
-    gains = {}
+    gains: dict[int, dict[tuple[int, int], float]] = {}
     for c in cycles:
         log = record.cycles[c]
         gains[c] = {(i, k): gain for i, k, _, gain in log.suggestions if log.robots[i].view is not None}
     for c in cycles:
         mutual = {pair: min(gain, gains[c][pair[::-1]]) for pair, gain in gains[c].items() if pair[::-1] in gains[c]}
         if mutual:
-            return c, *max(mutual, key=mutual.get)
+            return c, *max(mutual, key=lambda pair: mutual[pair])
     for c in cycles:
         if gains[c]:
-            return c, *max(gains[c], key=gains[c].get)
+            return c, *max(gains[c], key=lambda pair: gains[c][pair])
     raise ValueError(f"{record.scene}, {record.strategy}: no robot suggests a view; give a distributed or limited run")
 
 
-def _mask(ax: Axes, robot: RobotSnapshot, record: Record, window: Window) -> ScalarMappable:
+def _view(robot: RobotSnapshot) -> np.ndarray:
+    """Where a robot under way looks from (d,) [m]."""
+    assert robot.view is not None
+    return robot.view
+
+
+def _mask(ax: Axes, robot: RobotSnapshot, record: Record, aspect: float) -> ScalarMappable:
     """A planned path, its balls, and its splats coloured by weight over all others in grey."""
     zone, splat_map, config = robot.zone, robot.belief.splats, record.config
+    assert zone is not None  # it is under way
+    window = _around(robot.path[:, :2], aspect, 0.2 + float(zone.radii.max()))
     scale = ScalarMappable(Normalize(0.0, config.gamma1), mpl.colormaps["viridis"])
     parts.ground(ax, robot.belief.ground)
     parts.zone(ax, robot.path, zone.radii, robot_color(robot.index))
@@ -98,19 +106,19 @@ def _proposals(ax: Axes, record: Record, me: RobotSnapshot, mate: RobotSnapshot,
     for each in (me, mate):
         parts.path(ax, each.path, robot_color(each.index), linestyle=(0, (1, 1.2)) if each is mate else "-")
     title = f"robot {me.index}'s own map and views"
-    parts.view(ax, me.view, me.announced, color=robot_color(me.index), fov=record.config.fov)
+    parts.view(ax, _view(me), me.announced, color=robot_color(me.index), fov=record.config.fov)
     for sender, yaw, gain in mate.suggestions:
         if sender == me.index:
-            parts.view(ax, mate.view, yaw, color=robot_color(mate.index), fov=record.config.fov, hatch="///")
+            parts.view(ax, _view(mate), yaw, color=robot_color(mate.index), fov=record.config.fov, hatch="///")
             title += f"; gain for robot {mate.index}: {gain:,.0f}"
-    team.badge(ax, me.view, me.index)
-    team.badge(ax, mate.view, mate.index)
+    team.badge(ax, _view(me), me.index)
+    team.badge(ax, _view(mate), mate.index)
     page.bare(ax, window)
     team.scale_bar(ax, window)
     ax.set_title(title, loc="left", color=robot_color(me.index), weight="bold")
 
 
-def _around(points: np.ndarray, aspect, margin) -> Window:
+def _around(points: np.ndarray, aspect: float, margin: float) -> Window:
     return Window(points.min(0) - margin, points.max(0) + margin).shaped(aspect)
 
 
@@ -118,7 +126,7 @@ def _entries(color: str) -> dict:
     return {
         "mask, Eq. (11)": Patch(facecolor=(*to_rgb(color), 0.22)),
         "planned path": Line2D([], [], color="#555555", linewidth=2),
-        "announced viewpoint": page.dot("#555555", markersize=9),
+        "announced viewpoint": page.dot("#555555", 9),
         "view for itself": page.wedge("#555555"),
         "view suggested to the teammate": Patch(facecolor="#5555554d", edgecolor="#555555", hatch="////"),
         **page.ground_entries(),
