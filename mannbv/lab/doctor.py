@@ -76,8 +76,8 @@ def _unmet(package: str, extra: str = "") -> Iterator[tuple[str, str]]:
     from packaging.requirements import Requirement
 
     for wanted in map(Requirement, metadata.requires(package) or ()):
-        always = wanted.marker is None or wanted.marker.evaluate({"extra": ""})
-        if always == bool(extra) or not (always or wanted.marker.evaluate({"extra": extra})):
+        always, now = (wanted.marker is None or wanted.marker.evaluate({"extra": name}) for name in ("", extra))
+        if always == bool(extra) or not now:
             continue
         asked = f"{wanted.name}{wanted.specifier}"
         try:

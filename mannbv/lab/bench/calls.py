@@ -3,19 +3,21 @@
 from collections.abc import Callable
 from functools import partial
 
+import torch
 from torch import Tensor
 
 from mannbv import information, render
+from mannbv.camera import Camera
+from mannbv.geometry import Pose
 from mannbv.lab.bench import scenes
 from mannbv.splats import SplatMap
 
 
-def gradient(splat_map: SplatMap, camera, pose, method: str = "auto") -> tuple[Tensor, ...]:
+def gradient(splat_map: SplatMap, camera: Camera, pose: Pose, method: str = "auto") -> tuple[Tensor, ...]:
     """Gradients of the sum of every colour and depth by every field."""
     leaves = [part.detach().clone().requires_grad_() for part in splat_map.tensors()]
     drawn = render.render(SplatMap(*leaves), camera, pose, method)
-    (drawn.color.sum() + drawn.depth.sum()).backward()
-    return tuple(leaf.grad for leaf in leaves)
+    return torch.autograd.grad(drawn.color.sum() + drawn.depth.sum(), leaves)
 
 
 def whole_calls(n_splats: int, size: int, method: str = "auto") -> list[Callable[[], object]]:

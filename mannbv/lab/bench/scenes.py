@@ -30,7 +30,7 @@ def room(n_splats: int, dim: int, seed: int = 0) -> SplatMap:
     opacity = rng.uniform(*_OPACITY, n_splats)
     fields = (
         means,
-        rng.uniform(*map(math.log, _STD), (n_splats, dim)),
+        rng.uniform(math.log(_STD[0]), math.log(_STD[1]), (n_splats, dim)),
         rotations,
         np.log(opacity / (1 - opacity)),
         rng.random((n_splats, 3)),

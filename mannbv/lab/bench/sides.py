@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-import numba
 import numpy as np
 import torch
 from torch import Tensor
@@ -56,10 +55,10 @@ class Side:
 
 
 def compare(
-    sides: Sequence[Side], scale: Scale, count: int | None = None, beside: str = "ours", **facts
+    sides: Sequence[Side], scale: Scale, count: int | None = None, beside: str = "ours", **facts: float
 ) -> Iterator[Result]:
     """Time sides in turns on `count` threads (None: all); ratios are to the first, of CPU time if on one thread."""
-    with threads(count or numba.config.NUMBA_NUM_THREADS) as used:
+    with threads(count or most_threads()) as used:
         calls = [side.call for side in sides]
         rounds = scale.rounds(calls)
         busy = load()

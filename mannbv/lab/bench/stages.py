@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
-import numba
 import numpy as np
 import torch
 from torch import Tensor
@@ -20,7 +19,7 @@ from mannbv.kernels.space.tiles import TILE
 from mannbv.lab.bench import fresh, rivals, scenes
 from mannbv.lab.bench.calls import whole_calls
 from mannbv.lab.bench.sides import Scale, Side, agree, compare
-from mannbv.lab.bench.timing import Result, threads
+from mannbv.lab.bench.timing import Result, most_threads, threads
 from mannbv.render import space
 from mannbv.render.flat import CUTOFF, FLOOR
 from mannbv.splats import SplatMap
@@ -149,11 +148,9 @@ def risk_field(scale: Scale) -> Iterator[Result]:
     points = torch.from_numpy(np.random.default_rng(1).uniform(0, 6, (n_points, 2)).astype(np.float32))
     what = f"risk field; {n_splats:,} splats, {n_points:,} points"
     factor = -float(risk.average_value_at_risk(0.0, 1.0, level))
-    sides = [
-        Side("field", what, partial(risk.field, room, points, level)),
-        Side("field.distances", f"{what}; all distances in torch", partial(rivals.risk_field, room, points, factor)),
-    ]
-    apart = agree(what, *(side.call() for side in sides))
+    ours, theirs = partial(risk.field, room, points, level), partial(rivals.risk_field, room, points, factor)
+    sides = [Side("field", what, ours), Side("field.distances", f"{what}; all distances in torch", theirs)]
+    apart = agree(what, ours(), theirs())
     yield from compare(sides, scale, 1, splats=n_splats, points=n_points, apart=apart)
 
 
@@ -195,8 +192,8 @@ def curves(scale: Scale) -> Iterator[Result]:
     """Cost on one thread against splats at the large image and pixels with the large map; on both against threads."""
     n_splats, size = scale.large
     counts = [1]
-    while counts[-1] < numba.config.NUMBA_NUM_THREADS:
-        counts.append(min(2 * counts[-1], numba.config.NUMBA_NUM_THREADS))
+    while counts[-1] < most_threads():
+        counts.append(min(2 * counts[-1], most_threads()))
     yield from _curve("splats", [(n, (n, size)) for n in scale.splats], scale)
     yield from _curve("pixels", [(side * side, (n_splats, side)) for side in scale.sides], scale)
     yield from _curve("threads", [(count, scale.large) for count in counts], scale)

@@ -5,14 +5,13 @@ import platform
 from collections.abc import Callable
 from importlib import metadata
 
-import numba
 from llvmlite import binding
 
 from mannbv import __version__
 from mannbv.lab.bench.sides import Scale
 from mannbv.lab.bench.stages import STAGES
 from mannbv.lab.bench.targets import TARGETS
-from mannbv.lab.bench.timing import Result, load
+from mannbv.lab.bench.timing import Result, load, most_threads
 
 
 def run(scale: Scale, keep: Callable[[dict], None], show: Callable[[int, str, str], None]) -> None:
@@ -49,7 +48,7 @@ def _machine() -> dict:
     versions = {name: metadata.version(name) for name in ("numba", "numpy", "torch")}
     return {
         "cpus": os.cpu_count(),
-        "threads": numba.config.NUMBA_NUM_THREADS,
+        "threads": most_threads(),
         "OMP_WAIT_POLICY": os.environ.get("OMP_WAIT_POLICY"),  # threads that spin while they wait slow a busy machine
         "processor": binding.get_host_cpu_name(),  # what kernels are compiled for
         "system": platform.system(),

@@ -96,11 +96,16 @@ def rounds_for(calls: Sequence[Callable[[], object]], budget: float, least: int,
     return int(min(max(budget / max(time.perf_counter() - began, 1e-6), least), most))
 
 
+def most_threads() -> int:
+    """How many threads compiled kernels may use here."""
+    return numba.config.NUMBA_NUM_THREADS  # pyright: ignore[reportPrivateImportUsage, reportAttributeAccessIssue]
+
+
 @contextmanager
 def threads(count: int) -> Iterator[int]:
     """Inside, kernels and torch share `count` threads, or as many as there are; yields how many."""
     before = numba.get_num_threads(), torch.get_num_threads()
-    count = min(count, numba.config.NUMBA_NUM_THREADS)
+    count = min(count, most_threads())
     numba.set_num_threads(count)
     torch.set_num_threads(count)
     try:

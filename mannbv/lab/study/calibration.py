@@ -1,6 +1,6 @@
 """Does the predicted risk tell the true clearance? α of every announced waypoint, against what the world says of it."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +71,7 @@ def calibration(
     world: World,
     rng: np.random.Generator | None = None,
     n_bins: int = 8,
-    thresholds=(0.25, 0.35),
+    thresholds: Sequence[float] = (0.25, 0.35),
     draws: int = 1000,
 ) -> Calibration:
     """α against clearance for all announced waypoints of all robots and cycles of some records in one world.
@@ -92,7 +92,7 @@ def forecasts(records: Iterable[Record], world: World) -> Forecasts:
         if record.scene != world.name:
             raise StudyError(f"calibration: {about}, is no episode in {world.name}; give the world that it ran in")
         for number, log in (pair for cycle in record.cycles for pair in enumerate(cycle.robots)):
-            if log.risk is None:
+            if log.risk is None or log.risk_inflated is None:
                 raise StudyError(f"calibration: {about}, is an older record without forecasts; run it again")
             alpha += zip(log.risk, log.risk_inflated, strict=True)
             paths += log.path
@@ -106,7 +106,8 @@ def forecasts(records: Iterable[Record], world: World) -> Forecasts:
 
 
 def calibrate(
-    waypoints: Forecasts, rng: np.random.Generator, n_bins: int = 8, thresholds=(0.25, 0.35), draws: int = 1000
+    waypoints: Forecasts, rng: np.random.Generator, n_bins: int = 8,
+    thresholds: Sequence[float] = (0.25, 0.35), draws: int = 1000,
 ) -> Calibration:
     """`calibration` of forecasts from anywhere. Raises StudyError for fewer waypoints than bins."""
     k = waypoints.alpha.shape[1]

@@ -1,8 +1,10 @@
 """A progress bar over the robots that are at their goals, with an estimate of the time left."""
 
+import math
 import os
 import sys
 import time
+from typing import TextIO
 
 from tqdm import tqdm
 
@@ -11,7 +13,7 @@ from mannbv.lab.study.comparison import Progress
 _LINES = 20
 
 
-def _is_terminal(stream) -> bool:
+def _is_terminal(stream: TextIO) -> bool:
     """Whether a bar can be redrawn there; tqdm shows nothing on a terminal that does not know its height."""
     if not getattr(stream, "isatty", lambda: False)():
         return False
@@ -27,9 +29,10 @@ class ProgressBar:
     Use as `with ProgressBar() as bar: compare(…, progress=bar)`.
     """
 
-    def __init__(self, stream=None):
+    def __init__(self, stream: TextIO | None = None):
         self.stream = sys.stderr if stream is None else stream
-        self._bar, self._began, self._first, self._printed = None, time.monotonic(), None, set()
+        self._bar: tqdm | None = None
+        self._began, self._first, self._printed = time.monotonic(), math.nan, set()
 
     def __enter__(self) -> "ProgressBar":
         return self
@@ -39,7 +42,7 @@ class ProgressBar:
             self._bar.close()
 
     def __call__(self, progress: Progress) -> None:
-        if self._first is None:
+        if math.isnan(self._first):
             self._first = progress.share
         if _is_terminal(self.stream):
             self._draw(progress)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Shaped
+from numpy.typing import ArrayLike
 
 
 class Estimate(NamedTuple):
@@ -17,7 +18,7 @@ class Estimate(NamedTuple):
 
 
 def bootstrap(
-    statistic: Callable,
+    statistic: Callable[[np.ndarray], ArrayLike],
     units: Shaped[np.ndarray, " k"],
     rng: np.random.Generator,
     draws: int = 1000,
@@ -36,7 +37,7 @@ def bootstrap(
         if len(names) < 2:
             return Estimate(value, none, none)
         picks = rng.integers(len(names), size=(draws, len(names)))
-        again = np.stack([statistic(np.bincount(pick, minlength=len(names))[unit].astype(float)) for pick in picks])
+        again = np.array([statistic(np.bincount(pick, minlength=len(names))[unit].astype(float)) for pick in picks])
     ends = np.array([(1 - confidence) / 2, (1 + confidence) / 2])
     known = np.isfinite(again)
     # like nanquantile, which warns where there is no number at all
@@ -45,12 +46,12 @@ def bootstrap(
     return Estimate(value, np.where(empty, np.nan, low), np.where(empty, np.nan, high))
 
 
-def weighted_mean(values, weights) -> np.ndarray | np.floating:
+def weighted_mean(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Mean over the last axis of values (…, k), weights (…, k)."""
-    return (values * weights).sum(-1) / weights.sum(-1)
+    return np.asarray((values * weights).sum(-1) / weights.sum(-1))
 
 
-def ranks(values: Shaped[np.ndarray, " k"]) -> Callable:
+def ranks(values: Shaped[np.ndarray, " k"]) -> Callable[[np.ndarray], np.ndarray]:
     """How many observations of a weighted sample (k,) lie below each, and half of those equal to it: a function of the
     weights, so that a sample is sorted once for all of its resamples."""
     order, place = np.unique(values, return_inverse=True)
@@ -62,7 +63,7 @@ def ranks(values: Shaped[np.ndarray, " k"]) -> Callable:
     return of
 
 
-def pearson(a, b, weights) -> float:
+def pearson(a: np.ndarray, b: np.ndarray, weights: np.ndarray) -> float:
     """Linear correlation of a weighted sample; nan where one of the two does not vary."""
     a, b = a - weighted_mean(a, weights), b - weighted_mean(b, weights)
     together, own = weighted_mean(a * b, weights), weighted_mean(a * a, weights) * weighted_mean(b * b, weights)

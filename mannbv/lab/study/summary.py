@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import special
 
 from mannbv.metrics import SCORES, Row
@@ -19,7 +20,7 @@ class Mean(Plain):
     interval: tuple[float, float] | None = None
 
 
-def summarise(rows: Iterable[Row], confidence=0.95) -> dict[str, dict[str, Mean]]:
+def summarise(rows: Iterable[Row], confidence: float = 0.95) -> dict[str, dict[str, Mean]]:
     """Per strategy and score the mean and its interval.
 
     Robots of one team are not independent, so a seed is the unit: the mean over its robots, then Student's t across
@@ -32,13 +33,13 @@ def summarise(rows: Iterable[Row], confidence=0.95) -> dict[str, dict[str, Mean]
     return summary
 
 
-def interval(values, confidence=0.95) -> tuple[float, tuple[float, float] | None]:
+def interval(values: ArrayLike, confidence: float = 0.95) -> tuple[float, tuple[float, float] | None]:
     """Mean of independent values (k,), and the interval of Student's t around it; None for a single value."""
-    values = np.asarray(values, float)
-    mean = float(values.mean())
-    if len(values) < 2:
+    each = np.asarray(values, float)
+    mean, k = float(each.mean()), len(each)
+    if k < 2:
         return mean, None
-    half = float(special.stdtrit(len(values) - 1, (1 + confidence) / 2) * values.std(ddof=1) / math.sqrt(len(values)))
+    half = float(special.stdtrit(k - 1, (1 + confidence) / 2) * each.std(ddof=1) / math.sqrt(k))
     return mean, (mean - half, mean + half)
 
 

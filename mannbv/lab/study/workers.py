@@ -26,8 +26,8 @@ from mannbv.config import Config
 from mannbv.episode import Record
 from mannbv.world import World
 
-_ALONE = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-_ALONE["PYTHONWARNINGS"] = "ignore"
+_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+_ALONE = {**dict.fromkeys(_THREADS, "1"), "PYTHONWARNINGS": "ignore"}
 _REGISTRIES = {"strategy": team.REGISTRY, "solver": consensus.SOLVERS, "measure": risk.MEASURES}
 
 
