@@ -5,25 +5,26 @@ it runs, so that --help comes at once.
 """
 
 import argparse
-import contextlib
+import io
 import logging
 import os
 import sys
 import warnings
+from typing import NoReturn
 
 from mannbv.commands import COMMANDS
 from mannbv.commands.line import UsageError, interrupted
 
 
 class _Parser(argparse.ArgumentParser):
-    def error(self, message):
+    def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message}; see {self.prog} --help")
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command; returns the exit status."""
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(AttributeError, ValueError):
+        if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without ± or ↑ shows "?"
     parser = _parser()
     try:
@@ -65,7 +66,6 @@ def _fail(message: str) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="mannbv", description="Multi-robot next-best-view planning on Gaussian-splat maps.")
     commands = parser.add_subparsers(dest="name", required=True, metavar="COMMAND")
-
     for command in COMMANDS:
         command.add(commands)
     return parser

@@ -1,12 +1,13 @@
 """`bench`: how fast every stage is, beside what it replaces."""
 
 import sys
+from argparse import Namespace
 from pathlib import Path
 
-from mannbv.commands.line import UsageError, interrupted
+from mannbv.commands.line import Commands, UsageError, interrupted
 
 
-def add(commands) -> None:
+def add(commands: Commands) -> None:
     """Teach the parser this command."""
     parser = commands.add_parser(
         "bench",
@@ -21,7 +22,7 @@ def add(commands) -> None:
     parser.set_defaults(command=run)
 
 
-def run(arguments) -> int:
+def run(arguments: Namespace) -> int:
     """Run it; returns the exit status."""
     out = arguments.out
     if out.suffix != ".json":

@@ -2,15 +2,16 @@
 
 import math
 import sys
+from argparse import Namespace
 from pathlib import Path
 
-from mannbv.commands.line import UsageError
+from mannbv.commands.line import Commands, UsageError
 
 PRESETS = ("quick", "paper")
 FIGURE = "figure.png"
 
 
-def add(commands) -> None:
+def add(commands: Commands) -> None:
     """Teach the parser this command."""
     parser = commands.add_parser(
         "compare",
@@ -53,7 +54,7 @@ def add(commands) -> None:
     parser.set_defaults(command=run)
 
 
-def run(arguments) -> int:
+def run(arguments: Namespace) -> int:
     """Run it; returns the exit status."""
     for name, least in (("robots", 1), ("seeds", 1), ("workers", 0)):
         if getattr(arguments, name) < least:

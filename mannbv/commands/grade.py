@@ -1,10 +1,13 @@
 """`grade FOLDER`: which exercises pass in handed-in copies of the notebooks."""
 
 import functools
+from argparse import Namespace
 from pathlib import Path
 
+from mannbv.commands.line import Commands
 
-def add(commands) -> None:
+
+def add(commands: Commands) -> None:
     """Teach the parser this command."""
     parser = commands.add_parser(
         "grade",
@@ -20,7 +23,7 @@ def add(commands) -> None:
     parser.set_defaults(command=run)
 
 
-def run(arguments) -> int:
+def run(arguments: Namespace) -> int:
     """Run it; returns the exit status."""
     from mannbv.course import grade
 

@@ -1,4 +1,8 @@
-"""What commands share: an error in what was typed, and who pressed Ctrl-C."""
+"""What commands share: the parser that they add to, an error in what was typed, and who pressed Ctrl-C."""
+
+import argparse
+
+Commands = argparse._SubParsersAction  # what `add_subparsers` returns
 
 
 class UsageError(ValueError):

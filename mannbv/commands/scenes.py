@@ -1,13 +1,17 @@
 """`scenes`: the bundled scenes, a line each."""
 
+from argparse import Namespace
 
-def add(commands) -> None:
+from mannbv.commands.line import Commands
+
+
+def add(commands: Commands) -> None:
     """Teach the parser this command."""
     parser = commands.add_parser("scenes", help="the bundled scenes, a line each")
     parser.set_defaults(command=run)
 
 
-def run(arguments) -> int:
+def run(arguments: Namespace) -> int:
     """Run it; returns the exit status."""
     from mannbv import world
 

@@ -1,10 +1,13 @@
 """`tables RUN…`: the paper's tables and figures from saved runs."""
 
 import sys
+from argparse import Namespace
 from pathlib import Path
 
+from mannbv.commands.line import Commands
 
-def add(commands) -> None:
+
+def add(commands: Commands) -> None:
     """Teach the parser this command."""
     parser = commands.add_parser("tables", help="the paper's tables from saved runs")
     parser.add_argument("runs", nargs="+", metavar="RUN", help="results.json, a run's .npz, or a folder of them")
@@ -13,7 +16,7 @@ def add(commands) -> None:
     parser.set_defaults(command=run)
 
 
-def run(arguments) -> int:
+def run(arguments: Namespace) -> int:
     """Run it; returns the exit status."""
     from mannbv.lab import report, study
 
@@ -36,13 +39,13 @@ def _write(runs: list[str], tables: list, out: Path) -> list[str]:
     from mannbv.lab import draw, report, study
 
     files, lacking, figures = report.write(tables, out), [], 0
-    runs = study.run_files(runs)
-    for name, figure, why in draw.paper_figures(runs):
+    records = study.run_files(runs)
+    for name, figure, why in draw.paper_figures(records):
         if figure is None:
             lacking.append(f"{name}: {why}")
         else:
             figures += 1
             files += [draw.save(figure, out / (name + suffix)) for suffix in (".png", ".svg")]
-    lacking += [] if runs else ["no figures: they need the runs (.npz) beside results.json"]
+    lacking += [] if records else ["no figures: they need the runs (.npz) beside results.json"]
     print(f"Written: {len(tables)} tables and {figures} figures, {len(files)} files in {out}", file=sys.stderr)
     return lacking

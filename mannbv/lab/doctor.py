@@ -207,7 +207,8 @@ def threads() -> Iterator[Finding]:
     from numba.np.ufunc import parallel
 
     parallel._launch_threads()
-    of_numba = f"numba {numba.get_num_threads()} ({numba.threading_layer()})"
+    layer = numba.threading_layer()  # pyright: ignore[reportPrivateImportUsage]
+    of_numba = f"numba {numba.get_num_threads()} ({layer})"
     yield Finding("ok", f"{here} cores; threads: torch {torch.get_num_threads()}, {of_numba}")
 
 
@@ -221,7 +222,7 @@ def cache() -> Iterator[Finding]:
             raise
         yield Finding("wrong", "no folder for compiled kernels can be written", "set NUMBA_CACHE_DIR to one that can")
         return
-    used = Path(row.project.stats.cache_path)
+    used = Path(str(row.project.stats.cache_path))
     if wanted and Path(wanted).resolve() not in used.resolve().parents:
         what = f"NUMBA_CACHE_DIR={wanted} cannot be written; kernels are kept in {used}"
         yield Finding("wrong", what, "unset it, or name a folder that can")

@@ -124,8 +124,8 @@ def _rings(gains, announced, best, copies) -> dict:
         at = [_around(center, radii[i], copies[i, k]) for k, center in enumerate(centers)]
         shown.append(items.dots(at, draw.robot_color(i), 9, "#ffffff"))
     shown += [items.text(center, f"{k}", draw.robot_color(k)) for k, center in enumerate(centers)]
-    box = {"x": (-_PITCH / 2, _PITCH * (columns - 0.5)), "y": (-1.5 * _PITCH, _PITCH / 2)}
-    return items.panel((10, 40, 540, 390), items=shown, equal=True, axes=False, **box)
+    x, y = (-_PITCH / 2, _PITCH * (columns - 0.5)), (-1.5 * _PITCH, _PITCH / 2)
+    return items.panel((10, 40, 540, 390), x, y, shown, equal=True, axes=False)
 
 
 def _caption() -> dict:

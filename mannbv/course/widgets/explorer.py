@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import ipywidgets
 
 from mannbv.course.widgets.canvas import Canvas
-from mannbv.course.widgets.settings import Choice
+from mannbv.course.widgets.settings import Choice, Control, Point, Range, Setting, Turn
 
 _CAPTION = {"min_height": "1.6em", "margin": "4px 0 0 4px"}
 
@@ -18,12 +18,17 @@ class Explorer(ipywidgets.VBox):
     canvas carry the name of the setting they move. size: (width, height) of the canvas [px].
     """
 
-    def __init__(self, picture: Callable[..., tuple[list[dict], str]], settings: Mapping, size=(860, 380)):
+    def __init__(
+        self,
+        picture: Callable[..., tuple[list[dict], str]],
+        settings: Mapping[str, Setting],
+        size: tuple[int, int] = (860, 380),
+    ):
         self.picture, self.settings = picture, dict(settings)
         self.values = {name: setting.value for name, setting in settings.items()}
         self.canvas = Canvas(size=list(size))
         self.says = ipywidgets.Label(layout=_CAPTION)
-        self.controls = {name: s.control() for name, s in settings.items() if hasattr(s, "control")}
+        self.controls = {name: s.control() for name, s in settings.items() if isinstance(s, Control)}
         self._draw()
         for name, control in self.controls.items():
             control.observe(lambda change, name=name: self.move(**{name: change.new}), "value")
@@ -35,14 +40,15 @@ class Explorer(ipywidgets.VBox):
         row = ipywidgets.HBox([*self._shown(), again], layout={"flex_flow": "row wrap", "grid_gap": "4px 16px"})
         super().__init__([row, self.canvas, self.says])
 
-    def move(self, **values) -> None:
+    def move(self, **values: object) -> None:
         """Set some settings, as a hand would. Raises ValueError for one that is not here, or no option."""
         unknown = values.keys() - self.values.keys()
         if unknown:
             raise ValueError(f"no setting {', '.join(sorted(unknown))} here; there are {', '.join(self.values)}")
         for name, value in values.items():
-            if isinstance(self.settings[name], Choice) and value not in self.settings[name].sweep():
-                raise ValueError(f"{name}: {value!r} is none of {self.settings[name].sweep()}")
+            setting = self.settings[name]
+            if isinstance(setting, Choice) and value not in setting.sweep():
+                raise ValueError(f"{name}: {value!r} is none of {setting.sweep()}")
         changed = any(self.values[name] != value for name, value in values.items())
         self.values |= values
         for name in values.keys() & self.controls.keys():
@@ -53,7 +59,8 @@ class Explorer(ipywidgets.VBox):
     def _shown(self) -> list[ipywidgets.Widget]:
         shown = []
         for name, control in self.controls.items():
-            button = getattr(self.settings[name], "button", lambda: None)()
+            setting = self.settings[name]
+            button = setting.button() if isinstance(setting, Range) else None
             if button is not None:
                 ipywidgets.jslink((button, "value"), (control, "value"))
                 shown.append(button)
@@ -63,7 +70,12 @@ class Explorer(ipywidgets.VBox):
     def _moved(self, move: dict) -> None:
         setting = self.settings[move["name"]]
         x, y, along = move["x"], move["y"], move["along"]
-        value = setting.slid(move[along]) if along else setting.moved(x, y, self.values)
+        if along:
+            assert isinstance(setting, (Range, Turn))
+            value = setting.slid(move[along])
+        else:
+            assert isinstance(setting, (Point, Turn))
+            value = setting.moved(x, y, self.values)
         step = self.canvas.picture["step"]
         self.move(**{move["name"]: value})
         if self.canvas.picture["step"] == step:  # nothing changed, but the browser waits for an answer

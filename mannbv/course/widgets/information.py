@@ -6,6 +6,7 @@ import math
 import matplotlib as mpl
 import numpy as np
 import torch
+from matplotlib.colors import to_rgb
 
 from mannbv import geometry, grid, information, mask
 from mannbv.camera import Camera
@@ -48,7 +49,7 @@ def _room() -> SplatMap:
         start, end = np.array(start, float), np.array(end, float)
         length = math.dist(start, end)
         share = (np.arange(n := round(length / 0.16)) + 0.5) / n
-        tint = np.array(mpl.colors.to_rgb(draw.COLORS[number % 6]))
+        tint = np.array(to_rgb(draw.COLORS[number % 6]))
         bands = 0.25 + 0.6 * (np.arange(n) // 2 % 2)[:, None]
         parts.append((start + share[:, None] * (end - start), np.tile((end - start) / length, (n, 1)), bands * tint))
     means, rotations, colors = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -100,7 +101,7 @@ def _plane(robot, yaw, before, near, pays):
     shares = 100 * pays / max(pays.sum(), 1e-12)
     order = np.argsort(shares)  # the dearest on top
     colors = mpl.colormaps[_SHARES](shares[order] / most)[:, :3]
-    colors[shares[order] < most / 1000] = mpl.colors.to_rgb(_UNPAID)
+    colors[shares[order] < most / 1000] = to_rgb(_UNPAID)
     ahead = np.array(robot) + 0.55 * np.array([math.cos(yaw), math.sin(yaw)])
     looks = [items.view(_SEEN_FROM, look, _CAMERA.fov, 0.45, PALE, 0.15) for look in before]
     plane = items.plan(

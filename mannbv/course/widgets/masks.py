@@ -5,6 +5,7 @@ from functools import cache
 import matplotlib as mpl
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 
 from mannbv import geometry, grid, mask, planner, risk, world
 from mannbv.config import Config
@@ -45,10 +46,10 @@ def flat() -> world.World:
     return world.load("flat")
 
 
-def surface_splats(points, std) -> SplatMap:
+def surface_splats(points: np.ndarray, std: ArrayLike) -> SplatMap:
     """Round splats on points (n, 2) of a plan's surfaces; std: one standard deviation [m] for all, or (n,)."""
-    n, std = len(points), torch.as_tensor(std, dtype=torch.float64)
-    scales = std.log().expand(2, n).T.contiguous()
+    n = len(points)
+    scales = torch.as_tensor(std, dtype=torch.float64).log().expand(2, n).T.contiguous()
     upright = geometry.identity_rotations(n, 2).double()
     return SplatMap(torch.from_numpy(points), scales, upright, torch.full((n,), 4.0), torch.full((n, 3), 0.4))
 
@@ -69,7 +70,9 @@ def _walls() -> list[dict]:
 
 def _picture(start, goal, r_min, beta1, beta2, gamma2, straight):
     splat_map, ground, price = _scene()
-    path = planner.thin(planner.safe_path(price, ground.lattice, np.array(start), np.array(goal)), _SPACING)
+    way = planner.safe_path(price, ground.lattice, np.array(start), np.array(goal))
+    assert way is not None  # any two open cells of the flat have one
+    path = planner.thin(way, _SPACING)
     alpha = risk.field(splat_map, path, _CONFIG.level)
     radii = mask.radius(alpha, r_min, beta1, beta2)
     inside = mask.zone(splat_map, path, radii)

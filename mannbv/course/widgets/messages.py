@@ -15,7 +15,7 @@ from mannbv.lab import draw
 from mannbv.lab.draw.canvas import PALE
 
 _CODEC = Config().codec
-_KINDS = dict(zip(("Plan", "Suggestion", "Copies", "Splats", "Grid"), draw.COLORS, strict=False))
+_KINDS: dict[str, str] = dict(zip(("Plan", "Suggestion", "Copies", "Splats", "Grid"), draw.COLORS, strict=False))
 _NAMES = {"json": "JSON", "binary": "binary"}
 _LOW, _HIGH = 1.0, 9.0  # 10 B to 1 GB, as powers of ten
 

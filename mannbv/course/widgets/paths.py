@@ -80,7 +80,9 @@ def _way(known: str, weight: float, start, goal) -> np.ndarray:
     """A*'s way from the cell of `start` to that of `goal`; from centre to centre, so that lengths compare."""
     lattice = _ground()[0]
     ends = lattice.centers(lattice.index([start, goal]))
-    return planner.safe_path(_prices(known, weight), lattice, *ends)
+    way = planner.safe_path(_prices(known, weight), lattice, *ends)
+    assert way is not None  # any two open cells of the flat have one
+    return way
 
 
 def _scores(known: str, way: np.ndarray) -> tuple[float, float, float, float]:

@@ -1,8 +1,8 @@
 """What a player shows of an episode: who stood where when, on which map, and one number of every robot over time."""
 
 import functools
-import os
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -14,6 +14,7 @@ from mannbv.grid import Occupancy
 from mannbv.lab import study
 from mannbv.messages import Ledger
 from mannbv.team import RobotLog
+from mannbv.world import World
 
 
 class Playback:
@@ -24,9 +25,9 @@ class Playback:
     Raises ValueError for a record without a cycle; what `episode.load` and `world.load` raise.
     """
 
-    def __init__(self, given, place=None):
-        records = [episode.load(given)] if isinstance(given, (str, os.PathLike)) else given
-        records = list(records) if isinstance(records, Sequence) else [records]
+    def __init__(self, given: Record | Sequence[Record] | str | Path, place: World | None = None):
+        records = [episode.load(given)] if isinstance(given, (str, Path)) else given
+        records = [records] if isinstance(records, Record) else list(records)
         if not records:
             raise ValueError("player: no record in the list; run the episode for a cycle first")
         self.last = records[-1]
@@ -35,7 +36,7 @@ class Playback:
             raise ValueError(f"player: the record of {self.last.scene} has no cycle yet; run it further")
         first = {len(r.cycles): r for r in records if not r.finished}  # a finished one has mapped once more
         self.kept = all(k + 1 in first for k in range(len(self.cycles)))
-        self._crews = [first[k + 1].robots if self.kept else self.last.robots for k in range(len(self.cycles))]
+        self._robots = [first[k + 1].robots if self.kept else self.last.robots for k in range(len(self.cycles))]
         dim = len(self.last.robots[0].position)
         self.place = world.load(self.last.scene, dim=dim) if place is None else place
         self.stops = [_stops(self.last, k) for k in range(self.last.n_robots)]
@@ -48,19 +49,19 @@ class Playback:
         if self.kept:
             self.measures |= {"α on its way [m]": self._risks, "PSNR of its map [dB]": self._quality}
         self.measured = functools.cache(lambda name: self.measures[name]())
-        self.belief = functools.cache(lambda cycle, k: self._crews[cycle][k].belief())
+        self.belief = functools.cache(lambda cycle, k: self._robots[cycle][k].belief())
         self.field = functools.cache(self._field)
         self.way_risk = functools.cache(self._way_risk)
 
     def ground(self, cycle: int, k: int) -> Occupancy:
         """What robot k knew of the ground after its move in a cycle, or at the end if no maps were kept."""
-        return self._crews[cycle][k].ground
+        return self._robots[cycle][k].ground
 
     def log(self, cycle: int, k: int) -> RobotLog:
         """What the record says of robot k in a cycle."""
         return self.cycles[cycle].robots[k]
 
-    def stand(self, time, k: int) -> tuple[np.ndarray, np.ndarray, float]:
+    def stand(self, time: float, k: int) -> tuple[np.ndarray, np.ndarray, float]:
         """A robot's trail so far (j, d), its place (d,) [m], and where it looks or drives to [rad]."""
         robot, cycle = self.last.robots[k], min(int(time), len(self.cycles) - 1)
         start, end = self.stops[k][cycle : cycle + 2]

@@ -2,6 +2,8 @@
 
 import functools
 import math
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -12,14 +14,16 @@ from mannbv.course.widgets import items
 from mannbv.course.widgets.explorer import Explorer
 from mannbv.course.widgets.playback import Playback
 from mannbv.course.widgets.settings import Choice, Point, Range
+from mannbv.episode import Record
 from mannbv.lab import draw
 from mannbv.lab.draw.canvas import INK, PALE
+from mannbv.world import World
 
 _LAYERS = ("true plan", "ground it knows", "its splats", "risk on its map")
 _TEAM = Config(image_width=48, fit_steps=12, n_yaws=120, max_cycles=20)
 
 
-def player(record=None, place=None) -> Explorer:
+def player(record: Record | Sequence[Record] | str | Path | None = None, place: World | None = None) -> Explorer:
     """Play an episode: everybody's way so far, and of one robot the plan, the chosen view and the map behind it.
 
     record: an `episode.Record`, a file of one, or the records after every cycle, as `progress` of `episode.run` is
@@ -83,7 +87,7 @@ def _scale(playback: Playback) -> tuple[float, float]:
     return min(0.0, float(np.quantile(known, 0.01))), float(np.quantile(known, 0.995))
 
 
-def team_items(playback: Playback, time, cycle: int, robot: int) -> list[dict]:
+def team_items(playback: Playback, time: float, cycle: int, robot: int) -> list[dict]:
     """Everybody's way, place and goal at a time; of one robot the plan, the agreed view and the one it announced."""
     shown, log, color = [], playback.log(cycle, robot), draw.robot_color(robot)
     for k in range(playback.last.n_robots):
@@ -91,14 +95,14 @@ def team_items(playback: Playback, time, cycle: int, robot: int) -> list[dict]:
         goal, own = playback.last.robots[k].goal, draw.robot_color(k)
         shown += [items.line(trail, own, 2.4), items.text(goal, "★", own), items.view(here, yaw, length=0.6, color=own)]
         shown += [items.dots(here, own, 17, edge="#ffffff"), items.text(here, str(k), "#ffffff")]
-    if log.path:
+    if log.view is not None:
         shown.append(items.line(log.path, color, 2.0, dash=(6, 4)))
         shown.append(items.view(log.view, log.chosen, playback.last.config.fov, 1.0, color, 0.3))
         shown.append(items.view(log.view, log.announced, playback.last.config.fov, 0.8, PALE, 0.0))
     return shown
 
 
-def key(robot: int) -> list[tuple]:
+def key(robot: int) -> list[tuple[str, str, str]]:
     """The legend of `team_items`."""
     return [("way", draw.robot_color(robot), "line"), ("plan, view", draw.robot_color(robot), "dash"),
             ("view alone", PALE, "line")]  # fmt: skip
@@ -127,7 +131,9 @@ def _layer(playback: Playback, cycle: int, robot: int, layer: str) -> list[dict]
     return [items.cells(playback.field(cycle, robot), playback.belief(cycle, robot).ground.lattice, *_scale(playback))]
 
 
-def chart_panel(playback: Playback, time, robot: int, chart: str, box=(605, 65, 240, 260)) -> dict:
+def chart_panel(
+    playback: Playback, time: float, robot: int, chart: str, box: Sequence[float] = (605, 65, 240, 260)
+) -> dict:
     """One number of every robot over the cycles, with the time as a handle to drag."""
     values = playback.measured(chart)
     low, high = (float(f(values)) for f in (np.nanmin, np.nanmax)) if np.isfinite(values).any() else (0.0, 1.0)

@@ -60,7 +60,7 @@ class Recording:
         state = self.state[cycle, k]
         return Occupancy(like.lattice, np.where(state == UNKNOWN, 0, np.where(state == OCCUPIED, 1, -1)).astype("f4"))
 
-    def save(self, path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write the recording (.npz without pickle): grounds as packed bits, views as one sheet, a JPEG."""
         c, n, _, h, w, _ = self.views.shape
         sheet = self.views.transpose(0, 3, 1, 2, 4, 5).reshape(c * h, n * len(VIEWS) * w, 3)
@@ -71,7 +71,7 @@ class Recording:
         archive.write(path, arrays | {"views": np.frombuffer(jpeg.getvalue(), np.uint8)}, compressed=True)
 
     @staticmethod
-    def load(path) -> "Recording":
+    def load(path: str | Path) -> "Recording":
         """Read a recording. Raises ValueError for anything else."""
         try:
             arrays = archive.read(path)

@@ -2,7 +2,7 @@
 
 import functools
 import math
-import os
+from pathlib import Path
 
 import numpy as np
 
@@ -14,14 +14,20 @@ from mannbv.course.widgets.playback import Playback
 from mannbv.course.widgets.player import chart_panel, key, team_items
 from mannbv.course.widgets.recording import VIEWS, Recording
 from mannbv.course.widgets.settings import Choice, Range
+from mannbv.episode import Record
 from mannbv.team import RobotLog
+from mannbv.world import World
 
 _TEAM = PRESETS[3]["quick"].replace(image_width=24, image_height=24, fit_steps=8, n_yaws=72, max_cycles=4)
 _LAYERS = ("ground it knows", "true plan")
 _SIDE, _LEFT, _TOP = 118, 470, 40  # [px] of a picture, and where the first one stands
 
 
-def replay(record=None, recording=None, place=None) -> Explorer:
+def replay(
+    record: Record | str | Path | None = None,
+    recording: Recording | str | Path | None = None,
+    place: World | None = None,
+) -> Explorer:
     """Play an episode of space: all ways, and one robot's ground, plan, view and pictures.
 
     record: an `episode.Record`, with or without maps, or a file of one; recording: its `Recording` or a file of one. By
@@ -29,10 +35,10 @@ def replay(record=None, recording=None, place=None) -> Explorer:
     its name.
     Raises ValueError where the two do not belong together; what `episode.load` and `Recording.load` raise.
     """
-    if record is None:
+    if record is None or recording is None:
         record, recording, place = _small_team()
-    record = episode.load(record) if isinstance(record, (str, os.PathLike)) else record
-    recording = Recording.load(recording) if isinstance(recording, (str, os.PathLike)) else recording
+    record = episode.load(record) if isinstance(record, (str, Path)) else record
+    recording = Recording.load(recording) if isinstance(recording, (str, Path)) else recording
     asked = len(record.cycles), record.n_robots, *record.robots[0].ground.lattice.shape
     if recording.state.shape != asked:
         raise ValueError(
@@ -52,7 +58,7 @@ def replay(record=None, recording=None, place=None) -> Explorer:
 
 
 @functools.cache
-def _small_team():
+def _small_team() -> tuple[Record, Recording, World]:
     print("Two robots drive through the flat in space once; that takes some seconds.")
     place, kept = world.load("flat", dim=3), []
     record = episode.run(place, "distributed", _TEAM, n_robots=2, progress=kept.append)

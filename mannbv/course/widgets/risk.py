@@ -82,7 +82,7 @@ def _plane(room, field, point, culprit, nearest):
         [
             items.cells(field, _LATTICE, *_BAR),
             items.splats(room, 0.6, edge=INK),
-            *(items.line(rim, "white", 1.5) for rim in rims),
+            *(items.line(np.asarray(rim), "white", 1.5) for rim in rims),
             *sights,
             items.line([point, means[culprit]], draw.COLORS[1], 2.5),
             items.handle("orange", means[0], "the orange splat", draw.COLORS[1]),

@@ -43,7 +43,9 @@ class Range:
 
     def button(self) -> ipywidgets.Widget | None:
         """The play button, to be linked with the slider."""
-        return self.play and _Play(value=self.value, min=self.low, max=self.high, interval=self.play)
+        if not self.play:
+            return None
+        return _Play(value=self.value, min=self.low, max=self.high, interval=self.play)
 
     def slid(self, along: float) -> int | float:
         """The value when a handle was slid to `along`."""
@@ -53,7 +55,8 @@ class Range:
     def sweep(self) -> list:
         """Values from end to end, for tests."""
         if self._whole:
-            return sorted({*range(self.low, self.high + 1, max(1, (self.high - self.low) // 12)), self.high})
+            low, high = int(self.low), int(self.high)
+            return sorted({*range(low, high + 1, max(1, (high - low) // 12)), high})
         return [float(value) for value in (np.geomspace if self.log else np.linspace)(self.low, self.high, 7)]
 
     @property
@@ -135,3 +138,7 @@ class Turn:
     def sweep(self) -> list:
         """All around."""
         return [float(angle) for angle in np.linspace(-math.pi, math.pi, 9)]
+
+
+Control = Range | Choice | Switch  # what has a control beside the canvas
+Setting = Control | Point | Turn

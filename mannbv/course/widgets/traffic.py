@@ -27,7 +27,9 @@ class _Scales(wire.Mailbox):
         return self._sizes[type(message)](message), message
 
 
-def cycle_ledger(strategy: str, graph: str, robots, splats, rounds, waypoints, codec: str) -> wire.Ledger:
+def cycle_ledger(
+    strategy: str, graph: str, robots: int, splats: int, rounds: int, waypoints: int, codec: str
+) -> wire.Ledger:
     """Every message of a planning cycle [B], as the strategies of `team` send them, on the links of a graph.
 
     Plans and grids are of the ground, splats of space, with ids and prior; what they say is made up, and encoded once.
@@ -132,7 +134,7 @@ def _grid_size(codec: str) -> int:
     return len(wire.encode(wire.Grid(0, 3, np.array(lattice.origin), lattice.cell, np.where(free, 0, 1)), codec))
 
 
-def size_of(n_bytes) -> str:
+def size_of(n_bytes: float) -> str:
     """Bytes in three digits at most: 136 B, 8.03 kB, 1 MB; a kB is 1000 B."""
     power = max((p for p in _UNITS if n_bytes >= 0.9995 * 10**p), default=0)
     return f"{n_bytes / 10**power:.3g} {_UNITS[power]}"

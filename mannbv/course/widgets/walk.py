@@ -37,14 +37,14 @@ def walk(splat_map: SplatMap | None = None) -> Explorer:
     low, high = np.quantile(splat_map.means.double().numpy(), (0.005, 0.995), axis=0)  # whatever strays, aside
     low, high = low - 0.05, high + 0.05
     middle = tuple(((low + high)[:2] / 2).tolist())
-    levels = (round(float(low[2] + share * (high[2] - low[2])), 2) for share in (0.05, 0.95, 0.5))
+    lowest, highest, between = (round(float(low[2] + share * (high[2] - low[2])), 2) for share in (0.05, 0.95, 0.5))
     return Explorer(
         functools.partial(_picture, splat_map, low, high, functools.cache(functools.partial(_above, splat_map))),
         {
             "camera": Point(start or middle, tuple(low[:2].tolist()), tuple(high[:2].tolist())),
             "yaw": Turn(yaw, "camera"),
             "pitch": Range("pitch [°]", -60, 60, 0),
-            "height": Range("height [m]", *levels, 0.05),
+            "height": Range("height [m]", lowest, highest, between, 0.05),
             "show": Choice("image", ("colour", "depth"), "colour"),
         },
         size=(860, 410),
@@ -102,11 +102,13 @@ def _above(splat_map: SplatMap, extent: tuple, height: float) -> np.ndarray:
 def _one_thread():
     """A picture this small is drawn before a second thread has woken up, and a busy machine wakes it late."""
     kept = numba.get_num_threads(), torch.get_num_threads()
-    numba.set_num_threads(1), torch.set_num_threads(1)
+    numba.set_num_threads(1)
+    torch.set_num_threads(1)
     try:
         yield
     finally:
-        numba.set_num_threads(kept[0]), torch.set_num_threads(kept[1])
+        numba.set_num_threads(kept[0])
+        torch.set_num_threads(kept[1])
 
 
 @_one_thread()

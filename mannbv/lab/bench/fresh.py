@@ -16,7 +16,7 @@ from mannbv.lab.bench.timing import Result, load
 _PACKAGE = Path(mannbv.__file__).parent
 
 
-def ask(*words: str, **environment: str) -> dict[str, float | None]:
+def ask(*words: str, **environment: str) -> dict[str, float]:
     """What a function of `child` returns in a fresh process. Raises ValueError with the process's last line."""
     return json.loads(_run(["-P", child.__file__, *words], environment).splitlines()[-1])
 
@@ -57,7 +57,7 @@ def _first(key: str, title: str, measured: list[dict], began: float | None) -> R
 
 def memory(n_splats: int, size: int) -> Iterator[Result]:
     """The peak of a process that renders with gradients and takes the Fisher information."""
-    peak = [ask("memory", str(n_splats), str(size))["peak"] for _ in range(2)][1]  # the first may have compiled
+    peak = [ask("memory", str(n_splats), str(size)).get("peak") for _ in range(2)][1]  # the first may have compiled
     if peak is not None:
         title = f"memory peak of {n_splats:,} splats at {size}×{size} with gradients and Fisher"
         yield Result("memory", title, "B", (peak,), facts={"splats": n_splats, "width": size})

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from mannbv.lab.bench.timing import Result, interleave, load, rounds_for, threads
+from mannbv.lab.bench.timing import Result, interleave, load, most_threads, rounds_for, threads
 
 
 @dataclass(frozen=True)

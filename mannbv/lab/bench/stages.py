@@ -181,6 +181,7 @@ def sensing(scale: Scale) -> Iterator[Result]:
     """A frame of RGB-D of the largest bundled building."""
     place = world.load("wings", dim=3)
     pose = geometry.yaw_pose(torch.from_numpy(place.starts[0, :3]), place.starts[0, 3])
+    assert isinstance(place.seen, world.Surfaces)
     what = f"a frame of RGB-D; {len(place.seen.corners):,} triangles"
     for name, size in (("large", scale.large[1]), ("small", scale.small[1])):
         camera = Camera.from_fov(size, size)

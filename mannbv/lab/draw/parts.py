@@ -62,9 +62,7 @@ def ground(ax: Axes, occupancy: grid.Occupancy) -> AxesImage:
     return image
 
 
-def splats(
-    ax: Axes, splat_map: SplatMap, opacity: float = 1.0, edge: ColorType | None = None
-) -> EllipseCollection:
+def splats(ax: Axes, splat_map: SplatMap, opacity: float = 1.0, edge: ColorType | None = None) -> EllipseCollection:
     """Splats as ellipses of two standard deviations in their colours, as opaque as they are, times `opacity`."""
     with torch.no_grad():
         covariance = splat_map.covariances()[:, :2, :2].double().cpu()
@@ -108,9 +106,7 @@ def zone(
     return drawn
 
 
-def risk(
-    ax: Axes, field: np.ndarray, lattice: grid.Lattice, low: float = 0.0, high: float | None = None
-) -> AxesImage:
+def risk(ax: Axes, field: np.ndarray, lattice: grid.Lattice, low: float = 0.0, high: float | None = None) -> AxesImage:
     """A risk field α (nx, ny) [m] as a heat map, dark where dangerous; nan shows as unknown."""
     ax.set_facecolor(UNKNOWN)
     known = field[np.isfinite(field)]

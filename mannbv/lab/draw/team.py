@@ -247,9 +247,9 @@ def risk_panel(ax: Axes, robot: RobotSnapshot, low: float, high: float, near: Wi
     lattice = robot.belief.ground.lattice
     image = parts.risk(ax, robot.risk, lattice, low, high)
     parts.path(ax, robot.path.reshape(-1, len(robot.position)), "white", linewidth=1.4)
-    ax.add_patch(
-        Rectangle((near.lower[0], near.lower[1]), *near.size, fill=False, edgecolor=INK, linewidth=0.8, linestyle=(0, (4, 2)), zorder=5)
-    )
+    corner = float(near.lower[0]), float(near.lower[1])
+    frame = {"fill": False, "edgecolor": INK, "linewidth": 0.8, "linestyle": (0, (4, 2)), "zorder": 5}
+    ax.add_patch(Rectangle(corner, *near.size, **frame))
     badge(ax, robot.position, robot.index, 9)
     title = f"robot {robot.index}: {robot.belief.splats.n_splats:,} splats"
     ax.set_title(title, loc="left", color=robot_color(robot.index), weight="bold", fontsize=9)

@@ -106,8 +106,11 @@ def forecasts(records: Iterable[Record], world: World) -> Forecasts:
 
 
 def calibrate(
-    waypoints: Forecasts, rng: np.random.Generator, n_bins: int = 8,
-    thresholds: Sequence[float] = (0.25, 0.35), draws: int = 1000,
+    waypoints: Forecasts,
+    rng: np.random.Generator,
+    n_bins: int = 8,
+    thresholds: Sequence[float] = (0.25, 0.35),
+    draws: int = 1000,
 ) -> Calibration:
     """`calibration` of forecasts from anywhere. Raises StudyError for fewer waypoints than bins."""
     k = waypoints.alpha.shape[1]

@@ -16,6 +16,7 @@ from mannbv.lab.study import workers as pool
 from mannbv.lab.study.cycles import episode_of
 from mannbv.lab.study.results import Results, StudyError
 from mannbv.lab.study.workers import EpisodeProgress, Job
+from mannbv.world import World
 
 
 @dataclass(frozen=True)
@@ -47,23 +48,23 @@ class Outcome:
     folder: Path
     failures: tuple[str, ...] = ()
 
-    def record(self, strategy: str, seed=0) -> episode.Record:
+    def record(self, strategy: str, seed: int = 0) -> episode.Record:
         """The record of one of its episodes."""
         return episode.load(run_file(self.folder, strategy, seed))
 
 
-def run_file(folder, strategy: str, seed) -> Path:
+def run_file(folder: str | Path, strategy: str, seed: int) -> Path:
     """Where `compare` keeps an episode."""
     return Path(folder) / "runs" / f"{strategy}-{seed}.npz"
 
 
 def compare(
-    scene,
+    scene: World | str | Path,
     strategies: Iterable[str] | None = None,
-    seeds=1,
+    seeds: int | Iterable[int] = 1,
     n_robots: int = 5,
     config: Config | None = None,
-    out="out/compare",
+    out: str | Path = "out/compare",
     workers: int = 2,
     progress: Callable[[Progress], None] | None = None,
 ) -> Outcome:
@@ -80,7 +81,7 @@ def compare(
     config, folder = config or Config(), Path(out)
     names = list(dict.fromkeys(team.STRATEGIES if strategies is None else strategies))
     numbers = list(range(seeds)) if isinstance(seeds, int) else list(dict.fromkeys(seeds))
-    place = (scene if isinstance(scene, world.World) else world.load(scene)).suited(config)
+    place = (scene if isinstance(scene, World) else world.load(scene)).suited(config)
     check(place, names, numbers, n_robots, config)
     found = _finished(folder, place, n_robots, config)
     _make(folder)
@@ -111,7 +112,7 @@ def compare(
     return Outcome(table, folder, failures)
 
 
-def check(place, strategies: list[str], seeds: list[int], n_robots: int, config: Config) -> None:
+def check(place: World, strategies: list[str], seeds: list[int], n_robots: int, config: Config) -> None:
     """Raises ValueError, before any work, for what would make every episode fail."""
     for what, known, name in [
         *(("strategy", team.REGISTRY, name) for name in strategies),
@@ -141,7 +142,7 @@ def _make(folder: Path) -> None:
         raise StudyError(f"{folder}: cannot be written ({error.strerror or error}); choose another --out") from None
 
 
-def _finished(folder: Path, place, n_robots: int, config: Config) -> dict[tuple[str, int], tuple]:
+def _finished(folder: Path, place: World, n_robots: int, config: Config) -> dict[tuple[str, int], tuple]:
     """Rows and log of each finished run. Raises StudyError if the folder holds another comparison, or its results."""
     found = {}
     for path in sorted(folder.glob("runs/*.npz")):
@@ -158,7 +159,7 @@ def _finished(folder: Path, place, n_robots: int, config: Config) -> dict[tuple[
     return found
 
 
-def _difference(record: episode.Record, place, n_robots: int, config: Config) -> str:
+def _difference(record: episode.Record, place: World, n_robots: int, config: Config) -> str:
     """What a saved run was asked otherwise; empty if nothing."""
     if record.scene != place.name:
         return f"scene {record.scene}, not {place.name}"

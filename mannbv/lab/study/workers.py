@@ -206,8 +206,8 @@ def _ours(entry) -> bool:
 def _born_alone():
     """A process started here has one thread and never hears Ctrl-C: its parent decides."""
     before = {name: os.environ.get(name) for name in _ALONE}
-    blocks = hasattr(signal, "pthread_sigmask")
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if blocks else None
+    blocks = hasattr(signal, "pthread_sigmask")  # not on Windows
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if blocks else set()
     os.environ.update(_ALONE)
     try:
         yield

@@ -62,7 +62,7 @@ def cycle_and_pair(record: Record, cycle: int | None = None) -> tuple[int, int, 
         log = record.cycles[c]
         gains[c] = {(i, k): gain for i, k, _, gain in log.suggestions if log.robots[i].view is not None}
     for c in cycles:
-        mutual = {pair: min(gain, gains[c][pair[::-1]]) for pair, gain in gains[c].items() if pair[::-1] in gains[c]}
+        mutual = {(i, k): min(gain, gains[c][k, i]) for (i, k), gain in gains[c].items() if (k, i) in gains[c]}
         if mutual:
             return c, *max(mutual, key=lambda pair: mutual[pair])
     for c in cycles:
