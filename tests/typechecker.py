@@ -1,4 +1,4 @@
-"""What checks annotations while tests run: beartype, reading them as pyright does: 1 is a float, (1, 2) an array-like."""
+"""What checks annotations while tests run: beartype, reading them as pyright does: 1 is a float, (1, 2) array-like."""
 
 from collections.abc import Sequence
 from typing import TextIO, get_args

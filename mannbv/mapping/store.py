@@ -1,6 +1,7 @@
 """A local map as named arrays, and as a file from which mapping goes on as if it had never stopped."""
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 import torch

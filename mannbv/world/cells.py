@@ -1,6 +1,7 @@
 """From free cells to the plan of a ground: walls along the edges of cells."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from mannbv import grid
@@ -13,7 +14,7 @@ TEXTURE = (float(TEXTURES["noise"]), 0.7, 0.5, 0.0)  # of every wall: kind, peri
 _HUES = 3.0  # [m] over such a distance the walls' base colour changes
 
 
-def ground(free, cell, origin, yaw=0.0, floor=0.0) -> Ground:
+def ground(free: np.ndarray, cell: float, origin: ArrayLike, yaw: float = 0.0, floor: float = 0.0) -> Ground:
     """The ground whose free part is exactly the cells `free` (nx, ny); everything else is solid.
 
     `origin` x, y [m] is the outer corner of the first cell of size `cell` [m], about which the lattice is turned by

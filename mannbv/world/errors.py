@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 
 class SceneError(ValueError):
@@ -9,7 +10,7 @@ class SceneError(ValueError):
 
 
 @contextmanager
-def naming(thing) -> Iterator[None]:
+def naming(thing: str | Path) -> Iterator[None]:
     """Puts the name of a thing before whatever SceneError is raised inside."""
     try:
         yield

@@ -9,6 +9,8 @@ import mapbox_earcut
 import numpy as np
 import trimesh
 from PIL import Image
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
 
 from mannbv.kernels.flat import rays
 from mannbv.world import bodies, errors, faces
@@ -30,7 +32,7 @@ MARGIN = 4  # texels around each image of an exported file
 _CLOSE = 1e-6  # [m] heights nearer than this are one
 
 
-def load(path) -> World:
+def load(path: str | Path) -> World:
     """The 3-D world of a plan file, with flatland's starts and goals at camera height. Raises SceneError."""
     plan = plans.read(path)
     with errors.naming(path):
@@ -59,7 +61,7 @@ def surfaces(plan: Plan) -> Surfaces:
     )
 
 
-def export(surfaces: Surfaces, path) -> None:
+def export(surfaces: Surfaces, path: str | Path) -> None:
     """Write surfaces as a binary glTF file (.glb), y up as that format demands, all images joined in one.
 
     Raises ValueError for another ending, and for faces that this module did not make: without an image, tinted, or
@@ -75,13 +77,13 @@ def export(surfaces: Surfaces, path) -> None:
     flip = np.array([1.0, -1.0])  # rows count from the top, v from below
     texels = places[surfaces.image, None] + [0.0, 1.0] * size + flip * size * surfaces.uv
     uv = [0.0, 1.0] + flip * texels / atlas.shape[1::-1]
-    paint = trimesh.visual.material.PBRMaterial(
+    paint = PBRMaterial(
         baseColorTexture=Image.fromarray(atlas), metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True
     )
     mesh = trimesh.Trimesh(
         surfaces.corners.reshape(-1, 3)[:, [0, 2, 1]] * [1, 1, -1],
         np.arange(3 * len(surfaces.corners)).reshape(-1, 3),
-        visual=trimesh.visual.TextureVisuals(uv=uv.reshape(-1, 2), material=paint),
+        visual=TextureVisuals(uv=uv.reshape(-1, 2), material=paint),
         process=False,
     )
     mesh.export(path)

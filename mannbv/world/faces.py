@@ -1,5 +1,7 @@
 """From overlapping bodies to the surfaces that one can see: cut every outline where bodies and rooms meet."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mannbv.world import bodies
@@ -8,7 +10,7 @@ SKIN = 1e-4  # [m] a point this far in front of a surface tells what the surface
 _TOUCH = 1e-7  # [m] things nearer than this touch
 
 
-def outline(polygons) -> tuple[np.ndarray, np.ndarray]:
+def outline(polygons: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Edges (e, 4) of polygons, each (k, 2), one after the other, and the polygon (e,) each belongs to."""
     edges = [np.concatenate([corners, np.roll(corners, -1, 0)], 1) for corners in polygons]
     owner = np.repeat(np.arange(len(edges)), np.array([len(e) for e in edges], int))
@@ -31,7 +33,9 @@ def cuts(edge: np.ndarray, others: np.ndarray) -> np.ndarray:
     return shares[np.concatenate([[True], np.diff(shares) > gap])]
 
 
-def visible(polygons, rooms: bodies.Polygons) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def visible(
+    polygons: Sequence[np.ndarray], rooms: bodies.Polygons
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The parts of the polygons' outlines that face the inside of a room.
 
     Returns segments (s, 4) [m]; the polygon (s,) each belongs to; the room (s,) it faces; and the distance (s,) [m]

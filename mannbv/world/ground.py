@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from mannbv import grid
@@ -41,24 +42,24 @@ class Ground:
         """Floor area of the building [m²]; walls between rooms and furniture included where they belong to a room."""
         return self.rooms.area
 
-    def raised(self, places, height=EYE) -> np.ndarray:
+    def raised(self, places: np.ndarray, height: float = EYE) -> np.ndarray:
         """Places (k, ≥ 2) of the plan with a third coordinate, `height` [m] above the floor."""
         return np.insert(places, 2, self.floor + height, axis=1)
 
-    def solid(self, points) -> np.ndarray:
+    def solid(self, points: ArrayLike) -> np.ndarray:
         """Which points (k,) lie inside a wall or a piece of furniture."""
         return self.solids.contains(_plane(points))
 
-    def inside(self, points) -> np.ndarray:
+    def inside(self, points: ArrayLike) -> np.ndarray:
         """Which points (k,) lie in the building, furniture and its inner walls included."""
         return self.rooms.contains(_plane(points))
 
-    def clearance(self, points) -> np.ndarray:
+    def clearance(self, points: ArrayLike) -> np.ndarray:
         """Distance (k,) [m] to the nearest surface; 0 inside walls and furniture."""
-        points = _plane(points)
-        distance = np.zeros(len(points))
-        free = ~self.solid(points)
-        distance[free] = rays.clearance(np.ascontiguousarray(points[free]), self.walls.ends, *self._bins)
+        places = _plane(points)
+        distance = np.zeros(len(places))
+        free = ~self.solid(places)
+        distance[free] = rays.clearance(np.ascontiguousarray(places[free]), self.walls.ends, *self._bins)
         return distance
 
     @cached_property
@@ -67,7 +68,7 @@ class Ground:
         shape = tuple(int(n) for n in np.ceil((self.walls.upper - lower) / _BIN + 1e-9) + 1)
         return lower, _BIN, shape, *rays.bins(self.walls.ends, lower, _BIN, shape)
 
-    def lattice(self, cell) -> grid.Lattice:
+    def lattice(self, cell: float) -> grid.Lattice:
         """Cells of `cell` [m] over the building, with a margin of two cells. Raises SceneError for far too many."""
         size = self.walls.upper - self.walls.lower
         if np.prod(size / cell + 4) > _MOST_CELLS:
@@ -77,7 +78,7 @@ class Ground:
             )
         return grid.Lattice.around(self.walls.lower - 2 * cell, self.walls.upper + 2 * cell, cell)
 
-    def free_grid(self, cell, radius) -> tuple[grid.Lattice, np.ndarray]:
+    def free_grid(self, cell: float, radius: float) -> tuple[grid.Lattice, np.ndarray]:
         """Where a disc of `radius` [m] fits: the lattice, and (nx, ny) bool for cells whose centre is inside the
         building, not solid, and at least `radius` from every surface. Kept for the next call: do not write to it."""
         if (cell, radius) not in self._memo:
@@ -90,34 +91,34 @@ class Ground:
             self._memo[cell, radius] = lattice, free
         return self._memo[cell, radius]
 
-    def reachable_free(self, cell, radius, start) -> np.ndarray:
+    def reachable_free(self, cell: float, radius: float, start: ArrayLike) -> np.ndarray:
         """The part (nx, ny) of `free_grid` that a disc of `radius` [m] reaches from `start` (≥ 2,) [m]."""
         _, free = self.free_grid(cell, radius)
         labels, _ = ndimage.label(free)  # sides, not corners: a diagonal move needs both cells beside it
-        x, y = self._free_cell(start, radius, cell)
+        x, y = self._free_cell(np.asarray(start, float), radius, cell)
         return labels == labels[x, y]
 
-    def shortest_path(self, start, goal, radius, cell=0.05) -> np.ndarray:
+    def shortest_path(self, start: ArrayLike, goal: ArrayLike, radius: float, cell: float = 0.05) -> np.ndarray:
         """The shortest way (k, d) [m] of a disc of `radius` [m] over the true plan's 8-connected cells.
 
         Both ends are given points, the rest centres of cells. d is that of the goal (d,); in space the whole way has
         the height of the start (≥ d,). Raises ValueError, naming both ends, where there is no way.
         """
         lattice, free = self.free_grid(cell, radius)
-        start, goal = np.asarray(start, float), np.asarray(goal, float)
-        cells = grid.path(np.where(free, 1.0, np.inf), *(self._free_cell(end, radius, cell) for end in (start, goal)))
+        a, b = np.asarray(start, float), np.asarray(goal, float)
+        cells = grid.path(np.where(free, 1.0, np.inf), *(self._free_cell(end, radius, cell) for end in (a, b)))
         if cells is None:
             raise ValueError(
-                f"no way for a robot of radius {radius:g} m from {_text(start)} to {_text(goal)}; "
+                f"no way for a robot of radius {radius:g} m from {_text(a)} to {_text(b)}; "
                 "choose another goal or a smaller radius"
             )
-        way = np.concatenate([start[None, :2], lattice.centers(cells[1:-1]), goal[None, :2]])
-        return np.concatenate([way, np.tile(start[2 : len(goal)], (len(way), 1))], 1)
+        way = np.concatenate([a[None, :2], lattice.centers(cells[1:-1]), b[None, :2]])
+        return np.concatenate([way, np.tile(a[2 : len(b)], (len(way), 1))], 1)
 
-    def _free_cell(self, point, radius, cell) -> np.ndarray:
+    def _free_cell(self, point: np.ndarray, radius: float, cell: float) -> np.ndarray:
         """The free cell at `point`, or the nearest one within `SNAP`."""
         lattice, free = self.free_grid(cell, radius)
-        index = np.clip(lattice.index(np.asarray(point, float)[None]), 0, np.array(lattice.shape) - 1)
+        index = np.clip(lattice.index(point[None]), 0, np.array(lattice.shape) - 1)
         near, _ = grid.nearest(free, index)
         if not free.any() or math.dist(lattice.centers(near)[0], point[:2]) > SNAP:
             raise ValueError(
@@ -126,20 +127,20 @@ class Ground:
             )
         return near[0]
 
-    def unfit(self, point, radius) -> str:
+    def unfit(self, point: ArrayLike, radius: float) -> str:
         """Why a robot of `radius` [m] cannot be at `point` (≥ 2,) [m], and the remedy; "" where it can."""
-        point = np.asarray(point)[None]
-        inside = self.inside(point)[0]
-        if inside and self.clearance(point)[0] >= radius:
+        place = np.asarray(point, float)
+        inside = self.inside(place[None])[0]
+        if inside and self.clearance(place[None])[0] >= radius:
             return ""
-        where = "inside a wall or furniture" if self.solid(point)[0] else "too near to a wall"
+        where = "inside a wall or furniture" if self.solid(place[None])[0] else "too near to a wall"
         where = where if inside else "outside the building"
-        return f"{_text(point[0])} lies {where} for a robot of radius {radius:g} m; move it into free space"
+        return f"{_text(place)} lies {where} for a robot of radius {radius:g} m; move it into free space"
 
 
-def _plane(points) -> np.ndarray:
+def _plane(points: ArrayLike) -> np.ndarray:
     return np.asarray(points, float)[:, :2]
 
 
-def _text(point) -> str:
+def _text(point: np.ndarray) -> str:
     return f"({point[0]:.2f}, {point[1]:.2f})"

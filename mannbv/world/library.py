@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mannbv.world import extrude
 from mannbv.world.errors import SceneError
@@ -36,15 +37,15 @@ def scenes() -> list[Summary]:
 
 
 def load(
-    scene,
+    scene: str | Path,
     *,
     dim: int | None = None,
-    starts=None,
-    goals=None,
+    starts: ArrayLike | None = None,
+    goals: ArrayLike | None = None,
     up: str | None = None,
     scale: float | None = None,
     floor: float | None = None,
-    scenes_dir=None,
+    scenes_dir: str | Path | None = None,
     building: str | None = None,
 ) -> World:
     """The world of a bundled scene (its name) or a plan (`.json`), flat or in 3-D; of a ROS map (`.yaml`, flat); of a

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mannbv import geometry
 from mannbv.config import Config
@@ -17,14 +18,16 @@ TOLERANCE = 0.015  # [m] … and cuts no more than this off the path
 _SAMPLE = 0.01  # [m] spacing of the path's points in the search
 
 
-def turn_to(yaw, target, turn=TURN) -> Iterator[float]:
+def turn_to(yaw: float, target: float, turn: float = TURN) -> Iterator[float]:
     """The yaws on the shorter way to `target`, a `turn` at a time, until within half a turn of it."""
     count = round(geometry.wrap(float(target) - float(yaw)) / turn)
     for k in range(1, abs(count) + 1):
         yield geometry.wrap(float(yaw) + math.copysign(k, count) * turn)
 
 
-def follow(position, yaw, path, step=STEP, turn=TURN) -> Iterator[tuple[np.ndarray, float]]:
+def follow(
+    position: ArrayLike, yaw: float, path: ArrayLike, step: float = STEP, turn: float = TURN
+) -> Iterator[tuple[np.ndarray, float]]:
     """The states (position (2,), yaw) of a robot after each action on its way along `path` (k, ≥ 2) [m].
 
     Each step aims at the furthest point ahead that a straight line reaches without leaving the path by more than
@@ -53,7 +56,7 @@ def follow(position, yaw, path, step=STEP, turn=TURN) -> Iterator[tuple[np.ndarr
         yield position, geometry.wrap(yaw)
 
 
-def _aim(position: np.ndarray, ahead: np.ndarray, step) -> np.ndarray:
+def _aim(position: np.ndarray, ahead: np.ndarray, step: float) -> np.ndarray:
     """The last of the path points `ahead` (k, 2) that a straight way from `position` reaches along the path."""
     offset, near = ahead - position, min(len(ahead) - 1, round(step / _SAMPLE))
     reach = np.linalg.norm(offset, axis=1)

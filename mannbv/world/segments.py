@@ -44,7 +44,7 @@ class Segments:
         """Upper corner (2,) of the box around all segments [m]."""
         return self.ends.reshape(-1, 2).max(0)
 
-    def sampled(self, spacing=0.02) -> np.ndarray:
+    def sampled(self, spacing: float = 0.02) -> np.ndarray:
         """Points (n, 2) [m] on all segments, no further than `spacing` [m] apart along each."""
         a, b = self.ends[:, :2], self.ends[:, 2:]
         counts = np.maximum(np.ceil(np.linalg.norm(b - a, axis=1) / spacing), 1).astype(int)

@@ -9,6 +9,7 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Float, Float32, Int32
+from numpy.typing import ArrayLike
 
 from mannbv.camera import Camera
 from mannbv.geometry import Pose
@@ -30,16 +31,16 @@ class Surfaces:
     colors: Float32[np.ndarray, "f 3 3"]
     uv: Float32[np.ndarray, "f 3 2"]
     image: Int32[np.ndarray, " f"]
-    images: tuple
+    images: tuple[np.ndarray, ...]
     dim: ClassVar[Literal[3]] = 3
 
     @staticmethod
-    def plain(corners, color=(0.7, 0.7, 0.7)) -> "Surfaces":
+    def plain(corners: ArrayLike, color: ArrayLike = (0.7, 0.7, 0.7)) -> "Surfaces":
         """Triangles (f, 3, 3) [m] of one colour."""
-        n = len(corners)
-        colors = np.broadcast_to(np.float32(color), (n, 3, 3)).copy()
-        nothing = np.zeros((n, 3, 2), np.float32), np.full(n, -1, np.int32), ()
-        return Surfaces(np.asarray(corners, float), colors, *nothing)
+        triangles = np.asarray(corners, float)
+        n = len(triangles)
+        colors = np.broadcast_to(np.asarray(color, np.float32), (n, 3, 3)).copy()
+        return Surfaces(triangles, colors, np.zeros((n, 3, 2), np.float32), np.full(n, -1, np.int32), ())
 
     @property
     def lower(self) -> np.ndarray:
@@ -51,7 +52,7 @@ class Surfaces:
         """Upper corner (3,) of the box around all triangles [m]."""
         return self.corners.reshape(-1, 3).max(0)
 
-    def sampled(self, spacing=0.05) -> np.ndarray:
+    def sampled(self, spacing: float = 0.05) -> np.ndarray:
         """Points (n, 3) [m] on all triangles, so close that none is further than `spacing` from the nearest."""
         edges = np.linalg.norm(self.corners - np.roll(self.corners, -1, 1), axis=2)
         counts = np.maximum(np.ceil(edges.max(1) / spacing), 1).astype(int)
@@ -101,20 +102,20 @@ class Surfaces:
 
     @cached_property
     def _wrapped(self) -> np.ndarray:
-        return ((self.uv < -1e-4) | (self.uv > 1 + 1e-4)).any((1, 2))
+        return np.any((self.uv < -1e-4) | (self.uv > 1 + 1e-4), axis=(1, 2))
 
-    def cast(self, origins, directions) -> tuple[np.ndarray, np.ndarray]:
+    def cast(self, origins: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """The first triangle that each ray meets: depth (k,) in lengths of its direction, inf for none; face (k,), −1.
 
         origins (k, 3) [m], directions (k, 3) of any length but zero. embree finds the face, double precision the depth.
         """
-        origins, directions = np.ascontiguousarray(origins, float), np.ascontiguousarray(directions, float)
-        if not (len(origins) and len(self.corners)):
-            return np.full(len(origins), math.inf), np.full(len(origins), -1, np.int32)
+        starts, along = np.ascontiguousarray(origins, float), np.ascontiguousarray(directions, float)
+        if not (len(starts) and len(self.corners)):
+            return np.full(len(starts), math.inf), np.full(len(starts), -1, np.int32)
         scene, _, middle = self._embree
-        start = (origins - middle).astype(np.float32)
-        faces = scene.run(start, directions.astype(np.float32), output=1)["primID"].astype(np.int32)
-        return texture.depths(origins, directions, self.corners, faces), faces
+        start = (starts - middle).astype(np.float32)
+        faces = scene.run(start, along.astype(np.float32), output=1)["primID"].astype(np.int32)
+        return texture.depths(starts, along, self.corners, faces), faces
 
     def view(self, camera: Camera, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
         """Colours (h, w, 3) in [0, 1] and depths (h, w) [m] along the axis; black and inf where there is nothing.
@@ -127,7 +128,7 @@ class Surfaces:
         color = self.shaded(origin, directions, faces, 1 / camera.focal)
         return color.reshape(*camera.shape, 3), depth.reshape(camera.shape)
 
-    def shaded(self, origin, directions, faces, spread: float) -> np.ndarray:
+    def shaded(self, origin: ArrayLike, directions: ArrayLike, faces: np.ndarray, spread: float) -> np.ndarray:
         """Colours (k, 3) in [0, 1] where rays from `origin` (3,) meet their `faces` (k,), black where −1.
 
         spread: width of a pixel at depth 1; finer detail is averaged.

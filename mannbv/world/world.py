@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from mannbv.camera import Camera, Frame
 from mannbv.config import Config
@@ -42,7 +43,7 @@ class World:
         """2 in flatland, 3 in space."""
         return self.seen.dim
 
-    def placed(self, starts=None, goals=None) -> "World":
+    def placed(self, starts: ArrayLike | None = None, goals: ArrayLike | None = None) -> "World":
         """With other starts (k, 3) x, y [m], yaw [rad], or goals (k, 2) [m], at the height of the first start.
 
         Raises SceneError for rows of another length.
@@ -85,9 +86,9 @@ class World:
         self,
         camera: Camera,
         pose: Pose,
-        max_depth=10.0,
-        depth_noise=0.0,
-        color_noise=0.0,
+        max_depth: float = 10.0,
+        depth_noise: float = 0.0,
+        color_noise: float = 0.0,
         rng: np.random.Generator | None = None,
     ) -> Frame:
         """The RGB-D image of `camera` at `pose`, by ray casting; float32.
@@ -102,18 +103,18 @@ class World:
                 f"{self.name} has {self.dim} dimensions, but the camera {camera.dim} and the pose {pose.dim}; "
                 "a camera of flatland has no height"
             )
-        if (depth_noise > 0 or color_noise > 0) and rng is None:
-            raise ValueError("sense: noise needs a generator, pass rng=numpy.random.default_rng(seed)")
         pose = pose.to(torch.zeros(0, dtype=torch.float64))
         color, depth = self.seen.view(camera, pose)
         depth = np.where(depth <= max_depth, depth, 0.0)
-        if depth_noise > 0:
+        if rng is None and (depth_noise > 0 or color_noise > 0):
+            raise ValueError("sense: noise needs a generator, pass rng=numpy.random.default_rng(seed)")
+        if rng is not None and depth_noise > 0:
             depth = np.maximum(depth * (1 + depth_noise * rng.standard_normal(depth.shape)), 0.0)
-        if color_noise > 0:
+        if rng is not None and color_noise > 0:
             color = np.clip(color + color_noise * rng.standard_normal(color.shape), 0.0, 1.0)
         return Frame(torch.tensor(color, dtype=torch.float32), torch.tensor(depth, dtype=torch.float32), pose)
 
-    def check_team(self, n_robots: int, radius=0.1, cell=0.05) -> None:
+    def check_team(self, n_robots: int, radius: float = 0.1, cell: float = 0.05) -> None:
         """Raises ValueError unless `n_robots` robots of `radius` [m] can start, and each can reach its goal."""
         most = min(len(self.starts), len(self.goals))
         if n_robots < 1:

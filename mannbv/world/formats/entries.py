@@ -3,6 +3,7 @@
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NoReturn, TypeGuard
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from mannbv.world.errors import SceneError
 LARGEST = 1e6  # no number in a scene is larger: lengths are metres
 
 
-def read(path, form: str) -> "Entry":
+def read(path: str | Path, form: str) -> "Entry":
     """The object in a JSON file whose "format" is `form`. Raises SceneError."""
     try:
         document = archive.from_json(Path(path).read_text(encoding="utf-8"))
@@ -30,7 +31,7 @@ def read(path, form: str) -> "Entry":
 class Entry:
     """One JSON object and where it stands, so that every complaint names its place, and the remedy."""
 
-    values: dict
+    values: dict[str, object]
     file: str
     place: str = ""
     remedy: str = "see data/README.md"
@@ -39,12 +40,12 @@ class Entry:
         """The place of an entry, as in walls[3].from."""
         return f"{self.place}.{key}".strip(".")
 
-    def fail(self, key: str, wanted: str, value):
+    def fail(self, key: str, wanted: str, value: object) -> NoReturn:
         shown = json.dumps(value)
         shown = shown if len(shown) < 60 else shown[:57] + "…"
         raise SceneError(f"{self.file}: {self.at(key)} must be {wanted}, got {shown}; {self.remedy}")
 
-    def get(self, key: str, *default):
+    def get(self, key: str, *default: object) -> object:
         """The value of a key; the default, where one is given, if it is absent."""
         if key not in self.values and not default:
             raise SceneError(f"{self.file}: {self.at(key)} is missing; {self.remedy}")
@@ -56,7 +57,7 @@ class Entry:
             self.fail(key, "a line of printable text", value)
         return value
 
-    def number(self, key: str, *default, least=-LARGEST, above=-LARGEST) -> float:
+    def number(self, key: str, *default: float, least: float = -LARGEST, above: float = -LARGEST) -> float:
         """A finite number of at least `least` and greater than `above`."""
         value = self.get(key, *default)
         if not _is_number(value) or value < least or value <= above:
@@ -64,7 +65,7 @@ class Entry:
             self.fail(key, "a finite number" + "".join(bounds), value)
         return float(value)
 
-    def array(self, key: str, shape: tuple) -> np.ndarray:
+    def array(self, key: str, shape: tuple[int, ...]) -> np.ndarray:
         """Finite numbers of the given shape, in which −1 stands for any length."""
         value = self.get(key)
         size = " × ".join("n" if n < 0 else str(n) for n in shape)
@@ -72,7 +73,7 @@ class Entry:
             self.fail(key, f"{size} finite numbers", value)
         return np.array(value, float).reshape(shape)
 
-    def color(self, key: str) -> tuple:
+    def color(self, key: str) -> tuple[float, ...]:
         value = self.get(key)
         if not _is_array(value, (3,)) or not all(0 <= v <= 1 for v in value):
             self.fail(key, "3 numbers between 0 and 1 (red, green, blue)", value)
@@ -85,13 +86,13 @@ class Entry:
             self.fail(key, "3 or more corners around an area", polygon.tolist())
         return polygon
 
-    def child(self, key: str, value) -> "Entry":
+    def child(self, key: str, value: object) -> "Entry":
         """The object `value` that stands under `key`."""
         if not isinstance(value, dict):
             self.fail(key, "a JSON object", value)
         return replace(self, values=value, place=self.at(key))
 
-    def children(self, key: str, *default) -> list["Entry"]:
+    def children(self, key: str, *default: list) -> list["Entry"]:
         """The objects in a list."""
         values = self.get(key, *default)
         if not isinstance(values, list):
@@ -99,11 +100,11 @@ class Entry:
         return [self.child(f"{key}[{k}]", value) for k, value in enumerate(values)]
 
 
-def _is_number(value) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST < value < LARGEST
 
 
-def _is_array(value, shape: tuple) -> bool:
+def _is_array(value: object, shape: tuple[int, ...]) -> TypeGuard[list]:
     if not shape:
         return _is_number(value)
     return isinstance(value, list) and shape[0] in (-1, len(value)) and all(_is_array(v, shape[1:]) for v in value)

@@ -16,6 +16,8 @@ from urllib.parse import unquote
 import numpy as np
 import trimesh
 from PIL import Image
+from trimesh.resolvers import FilePathResolver
+from trimesh.visual.material import PBRMaterial
 
 from mannbv.world import errors, places
 from mannbv.world.errors import SceneError
@@ -30,7 +32,9 @@ _COMPRESSED = ("draco", "meshopt", "quantization")
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else its warnings reach the screen
 
 
-def load(path, up=None, scale=None, floor=None, n_robots: int = 10) -> World:
+def load(
+    path: str | Path, up: str | None = None, scale: float | None = None, floor: float | None = None, n_robots: int = 10
+) -> World:
     """The scene of a mesh, on the storey nearest to the height `floor` [m], or on that with the most free ground.
 
     up, scale: as in `read`. Raises SceneError.
@@ -69,7 +73,7 @@ def _storey(surfaces: Surfaces, heights: list[float], wanted) -> float:
     return max(heights, key=lambda z: storeys.free_cells(surfaces, z)[1].sum())
 
 
-def read(path, up=None, scale=None) -> tuple[Surfaces, tuple[str, ...]]:
+def read(path: str | Path, up: str | None = None, scale: float | None = None) -> tuple[Surfaces, tuple[str, ...]]:
     """The surfaces of a mesh, z up and in metres, and a line about each thing that was guessed or left out.
 
     up: the file's axis that points up, a key of `upright.UP`. scale: metres a unit. Raises SceneError.
@@ -94,7 +98,7 @@ def read(path, up=None, scale=None) -> tuple[Surfaces, tuple[str, ...]]:
 # ---- what a file holds ---------------------------------------------------------------------------------------------
 
 
-class _Files(trimesh.resolvers.FilePathResolver):
+class _Files(FilePathResolver):
     """The files beside a mesh, none outside its folder; keeps a list of those that could not be had."""
 
     def __init__(self, path: Path):
@@ -197,7 +201,7 @@ def _surfaces(path: Path) -> tuple[Surfaces, list[str]]:
     if not parts:
         raise SceneError(f"{path}: holds no triangles; give the whole mesh of a building, no cloud of points")
     corners, colors, uv, image = (np.concatenate([part[k] for part in parts]) for k in range(4))
-    keep = (np.abs(corners) < 1e9).all((1, 2))  # neither nan nor absurd
+    keep = np.all(np.abs(corners) < 1e9, axis=(1, 2))  # neither nan nor absurd
     keep[keep] = _areas(corners[keep]) > 0
     if not keep.any():
         raise SceneError(f"{path}: none of its triangles has an area; export it again")
@@ -240,7 +244,7 @@ class _Album:
             elif visual.kind == "face":
                 colors = np.repeat(_unit_range(visual.face_colors)[:, None], 3, 1)
             return colors, uv, image
-        pbr = isinstance(material, trimesh.visual.material.PBRMaterial)
+        pbr = isinstance(material, PBRMaterial)
         picture = getattr(material, "baseColorTexture" if pbr else "image", None)
         if pbr:
             factor = material.baseColorFactor

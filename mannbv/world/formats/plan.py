@@ -1,6 +1,7 @@
 """Floor plans: a small JSON format (data/README.md), read strictly, and the flatland world that stands in one."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -25,7 +26,7 @@ class Texture:
     contrast: float = 0.0
     phase: float = 0.0
 
-    def row(self, offset=0.0) -> list[float]:
+    def row(self, offset: float = 0.0) -> list[float]:
         """As a row of `Segments.textures`, for a surface that begins `offset` [m] along its wall."""
         shift = offset if self.kind == "stripes" else 0.0  # noise hangs on the place in the world already
         return [float(TEXTURES[self.kind]), self.period, self.contrast, self.phase + shift]
@@ -43,7 +44,7 @@ class Block:
     footprint: np.ndarray
     elevation: float
     height: float
-    color: tuple | None
+    color: tuple[float, ...] | None
     texture: Texture | None
     offset: float = 0.0
 
@@ -54,8 +55,8 @@ class Room:
 
     name: str
     polygon: np.ndarray
-    floor_color: tuple
-    wall_color: tuple
+    floor_color: tuple[float, ...]
+    wall_color: tuple[float, ...]
     texture: Texture
 
 
@@ -66,9 +67,9 @@ class Plan:
     name: str
     description: str
     wall_height: float
-    rooms: tuple
-    walls: tuple
-    furniture: tuple
+    rooms: tuple[Room, ...]
+    walls: tuple[Block, ...]
+    furniture: tuple[Block, ...]
     starts: np.ndarray
     goals: np.ndarray
 
@@ -78,12 +79,12 @@ class Plan:
         return bodies.Polygons(tuple(room.polygon for room in self.rooms))
 
 
-def read(path) -> Plan:
+def read(path: str | Path) -> Plan:
     """Read a plan file. Raises SceneError, naming the file, the entry and the remedy, for anything wrong with it."""
     return _plan(entries.read(path, FORMAT))
 
 
-def ground(plan: Plan, body=REACH) -> Ground:
+def ground(plan: Plan, body: tuple[float, float] = REACH) -> Ground:
     """What stands in a plan between two heights above its floor [m]: walls and furniture. Raises SceneError."""
     everything = [*plan.walls, *plan.furniture]
     blocks = [b for b in everything if b.elevation < body[1] and b.elevation + b.height > body[0]]
@@ -97,7 +98,7 @@ def ground(plan: Plan, body=REACH) -> Ground:
     return Ground(walls, bodies.Polygons(tuple(block.footprint for block in blocks)), plan.inside, body=body)
 
 
-def load(path) -> World:
+def load(path: str | Path) -> World:
     """The flatland world of a plan file. Raises SceneError."""
     plan = read(path)
     with errors.naming(path):

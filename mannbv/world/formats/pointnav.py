@@ -28,7 +28,13 @@ HINT = "Gibson's scenes are free to get under their own licence, README.md says 
 
 
 def load(
-    path, scenes_dir=None, building: str | None = None, up=None, scale=None, floor=None, n_robots: int = 10
+    path: str | Path,
+    scenes_dir: str | Path | None = None,
+    building: str | None = None,
+    up: str | None = None,
+    scale: float | None = None,
+    floor: float | None = None,
+    n_robots: int = 10,
 ) -> World:
     """The scene of a file's first episode, or of the first in a `building`, with its episodes' starts and goals.
 
@@ -79,7 +85,7 @@ class Episode:
     goal: np.ndarray
 
 
-def read(path) -> list[Episode]:
+def read(path: str | Path) -> list[Episode]:
     """The episodes of a file, in order. Raises SceneError."""
     path = Path(path)
     try:

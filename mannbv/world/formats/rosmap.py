@@ -28,7 +28,7 @@ THRESHOLDS = {"occupied_thresh": 0.65, "free_thresh": 0.196}  # where a file giv
 MOST_PIXELS = 30_000_000
 
 
-def load(path, n_robots: int = 10) -> World:
+def load(path: str | Path, n_robots: int = 10) -> World:
     """The world of a ROS map, with starts and goals for `n_robots` robots, or as many as fit.
 
     Free are the cells of the largest connected free region; everything else is solid. Every edge between the two is a
@@ -47,7 +47,7 @@ def load(path, n_robots: int = 10) -> World:
     return World(path.stem, f"ROS map, {resolution:g} m a cell", ground.walls, ground, starts, goals)
 
 
-def read(path) -> tuple[np.ndarray, float, np.ndarray]:
+def read(path: str | Path) -> tuple[np.ndarray, float, np.ndarray]:
     """State (nx, ny) of `grid.UNKNOWN`, FREE, OCCUPIED, the cell size [m], and the origin (x, y [m], yaw [rad])."""
     path = Path(path)
     try:

@@ -1,6 +1,7 @@
 """The storeys of a building of triangles: where its floors are, and the plan of the ground on each."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from scipy import ndimage
@@ -56,7 +57,7 @@ def floors(surfaces: Surfaces) -> list[float]:
     return sorted(round(floor, 4) + 0.0 for floor in found)  # no −0.00
 
 
-def nearest(heights, wanted) -> float:
+def nearest(heights: Sequence[float], wanted: float) -> float:
     """The one of `heights` [m] nearest to a wanted one. Raises SceneError for a wish that is no finite number."""
     if not math.isfinite(wanted):
         raise SceneError(f"a floor's height must be a finite number [m], got {wanted}; choose another with --floor")
@@ -169,9 +170,10 @@ def ground(surfaces: Surfaces, floor: float) -> Ground:
 
 def _indoors(surfaces: Surfaces, floor: float, lattice: grid.Lattice, free: np.ndarray) -> np.ndarray:
     """Which cells (nx, ny) have walls around, looked at in blocks of `_BLOCK`; all, if none has."""
-    wide = grid.Lattice(lattice.origin, lattice.cell * _BLOCK, tuple(-(-n // _BLOCK) for n in lattice.shape))
+    nx, ny = (-(-n // _BLOCK) for n in lattice.shape)
+    wide = grid.Lattice(lattice.origin, lattice.cell * _BLOCK, (nx, ny))
     padded = np.pad(free, [(0, m * _BLOCK - n) for n, m in zip(lattice.shape, wide.shape, strict=True)])
-    blocks = padded.reshape(wide.shape[0], _BLOCK, wide.shape[1], _BLOCK).any((1, 3))
+    blocks = np.any(padded.reshape(nx, _BLOCK, ny, _BLOCK), axis=(1, 3))
     blocks[blocks] = _enclosed(surfaces, np.column_stack([wide.centers()[blocks], np.full(blocks.sum(), floor)]), _EYES)
     walled = np.kron(blocks, np.ones((_BLOCK, _BLOCK), bool))[: free.shape[0], : free.shape[1]]
     return walled if walled.any() else np.ones_like(free)

@@ -75,8 +75,9 @@ def _taken(s: Surfaces, which) -> Surfaces:
 
 
 def _joined(a: Surfaces, b: Surfaces) -> Surfaces:
-    fields = ("corners", "colors", "uv", "image")
-    return Surfaces(*(np.concatenate([getattr(a, f), getattr(b, f)]) for f in fields), a.images)
+    pairs = (a.corners, b.corners), (a.colors, b.colors), (a.uv, b.uv), (a.image, b.image)
+    corners, colors, uv, image = (np.concatenate(pair) for pair in pairs)
+    return Surfaces(corners, colors, uv, image, a.images)
 
 
 def _halved(s: Surfaces) -> Surfaces:
