@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import json
 import math
 import os
@@ -10,7 +11,8 @@ import typing
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import BinaryIO
+from types import EllipsisType
+from typing import Any, BinaryIO, ClassVar, NoReturn, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 
@@ -22,19 +24,30 @@ _HEADER = re.compile(
 )
 
 
+Record = TypeVar("Record")
+Value = TypeVar("Value")
+
+
+@runtime_checkable
+class Dataclass(Protocol):
+    """Any dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field]]
+
+
 class ArchiveError(ValueError):
     """Why a file is no archive of the arrays asked for, in one line without its name."""
 
 
-class Arrays(dict):
+class Arrays(dict[str, np.ndarray]):
     """Named arrays from a file. Raises ArchiveError for one that is missing."""
 
-    def __missing__(self, name: str):
+    def __missing__(self, name: str) -> NoReturn:
         raise ArchiveError(f"it holds no {name}")
 
 
 @contextlib.contextmanager
-def whole(path) -> Iterator[BinaryIO]:
+def whole(path: str | Path) -> Iterator[BinaryIO]:
     """A file to write into, which takes the place of `path` when all has gone well; folders are made.
 
     Whatever goes wrong, a full disk and Ctrl-C included, `path` stays as it was and nothing is left beside it.
@@ -57,22 +70,23 @@ def tidy(folder: Path) -> None:
         stale.unlink(missing_ok=True)
 
 
-def write_text(path, text: str) -> None:
+def write_text(path: str | Path, text: str) -> None:
     """Write a text file (UTF-8, lines end as they do in `text`) whole or not at all."""
     with whole(path) as file:
         file.write(text.encode())
 
 
-def write(path, arrays: Mapping[str, np.ndarray], compressed: bool = False) -> None:
+def write(path: str | Path, arrays: Mapping[str, np.ndarray], compressed: bool = False) -> None:
     """Write named arrays (.npz) whole or not at all. Raises TypeError for what only a pickle could hold."""
     for name, values in arrays.items():
         if values.dtype.kind not in _KINDS:
             raise TypeError(f"{path}: {name} is neither numbers nor text, so no array for an archive")
     with whole(path) as file:
-        (np.savez_compressed if compressed else np.savez)(file, **arrays)
+        # pyright takes any of them for savez's own option allow_pickle
+        (np.savez_compressed if compressed else np.savez)(file, **arrays)  # pyright: ignore[reportArgumentType]
 
 
-def read(path) -> Arrays:
+def read(path: str | Path) -> Arrays:
     """The named arrays of an .npz file, each to the last bit; nothing in it is ever executed.
 
     Raises ArchiveError for a file that is missing, cut, damaged or something else, and for one that would unpack to
@@ -112,34 +126,35 @@ def _array(file: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
 # ---- records as arrays ----------------------------------------------------------------------------------------------
 
 
-def pack(record, prefix: str = "") -> dict[str, np.ndarray]:
+def pack(record: Dataclass, prefix: str = "") -> dict[str, np.ndarray]:
     """The fields of a dataclass of tensors as named arrays, those of a dataclass inside it among them."""
     arrays = {}
     for field in dataclasses.fields(record):
         value = getattr(record, field.name)
-        inside = dataclasses.is_dataclass(value)
-        arrays |= pack(value, prefix) if inside else {prefix + field.name: value.detach().cpu().numpy()}
+        arrays |= pack(value, prefix) if _is_record(value) else {prefix + field.name: value.detach().cpu().numpy()}
     return arrays
 
 
-def unpack(kind: type, arrays: Mapping[str, np.ndarray], prefix: str = "", row=...):
+def unpack(
+    kind: type[Record], arrays: Mapping[str, np.ndarray], prefix: str = "", row: int | EllipsisType = ...
+) -> Record:
     """The inverse of `pack`: a record of that kind. Raises ArchiveError or KeyError where an array is missing."""
     import torch  # not above: a command that only writes a table need not wait for it
 
     values = []
     for name, part in typing.get_type_hints(kind).items():
-        inside = dataclasses.is_dataclass(part)
+        inside = _is_record(part)
         values.append(unpack(part, arrays, prefix, row) if inside else torch.from_numpy(arrays[prefix + name][row]))
     return kind(*values)
 
 
-def stack(records: Iterable, prefix: str = "") -> dict[str, np.ndarray]:
+def stack(records: Iterable[Dataclass], prefix: str = "") -> dict[str, np.ndarray]:
     """Records of one kind and shape as an array for each field, with a row for each; nothing for no records."""
     rows = [pack(record, prefix) for record in records]
     return {name: np.stack([row[name] for row in rows]) for name in rows[0]} if rows else {}
 
 
-def unstack(kind: type, arrays: Mapping[str, np.ndarray], prefix: str = "") -> tuple:
+def unstack(kind: type[Record], arrays: Mapping[str, np.ndarray], prefix: str = "") -> tuple[Record, ...]:
     """The inverse of `stack`. Raises ValueError for arrays of several lengths, else as `unpack`."""
     counts = {len(values) for name, values in arrays.items() if name.startswith(prefix) and values.ndim}
     if len(counts) > 1:
@@ -147,27 +162,37 @@ def unstack(kind: type, arrays: Mapping[str, np.ndarray], prefix: str = "") -> t
     return tuple(unpack(kind, arrays, prefix, row) for row in range(max(counts, default=0)))
 
 
+def _is_record(thing: object) -> bool:
+    return dataclasses.is_dataclass(thing)
+
+
 # ---- JSON -----------------------------------------------------------------------------------------------------------
 
 
-def to_json(value, **layout) -> str:
-    """JSON, in which a number that does not exist (NaN, an infinity) is null; layout: as of `json.dumps`."""
+def to_json(
+    value: object, *, indent: int | None = None, separators: tuple[str, str] | None = None, sort_keys: bool = False
+) -> str:
+    """JSON, in which a number that does not exist (NaN, an infinity) is null; options as of `json.dumps`."""
+    written = functools.partial(json.dumps, allow_nan=False, indent=indent, separators=separators, sort_keys=sort_keys)
     try:
-        return json.dumps(value, allow_nan=False, **layout)
+        return written(value)
     except ValueError:
-        return json.dumps(plain(value), allow_nan=False, **layout)
+        return written(plain(value))
 
 
-def plain(value):
-    """The same dicts, lists and values with None for each number that does not exist."""
+def plain(value: Value) -> Value:
+    """The same dicts, lists and values with None for each number that does not exist; tuples become lists."""
+    found: object = value
     if isinstance(value, dict):
-        return {key: plain(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        found = {key: plain(part) for key, part in value.items()}
+    elif isinstance(value, list | tuple):
+        found = [plain(part) for part in value]
+    elif isinstance(value, float) and not math.isfinite(value):
+        found = None
+    return cast(Value, found)
 
 
-def from_json(text: str | bytes):
+def from_json(text: str | bytes) -> Any:
     """What JSON says. Raises ValueError for anything else, numbers that do not exist and bottomless nests included."""
     try:
         return json.loads(text, parse_constant=_finite, parse_float=_finite)

@@ -6,8 +6,10 @@
 import dataclasses
 import difflib
 import functools
+import inspect
 import math
 import numbers
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields
 from typing import TypeVar
 
@@ -16,20 +18,20 @@ from mannbv import archive
 T = TypeVar("T")
 
 
-def nearest(wrong, known) -> str:
+def nearest(wrong: Iterable[str], known: Iterable[str]) -> str:
     """ "did you mean penalty?" for names that are not among the known ones; "" where none is like them."""
     likely = dict.fromkeys(match for name in wrong for match in difflib.get_close_matches(name, list(known), n=1))
     return f"did you mean {', '.join(likely)}?" if likely else ""
 
 
-def suggesting(what: str, see: str):
+def suggesting(what: str, see: str) -> Callable[[type[T]], type[T]]:
     """For a dataclass: whoever gives its constructor a field that it has not is told in one line which was meant.
 
     what: how the error begins, as "config: no constant"; see: where all names stand. Raises ValueError.
     """
 
     def decorate(cls: type[T]) -> type[T]:
-        init, names = cls.__init__, [f.name for f in fields(cls)]
+        init, names = cls.__init__, list(inspect.signature(cls).parameters)
 
         @functools.wraps(init)
         def checked(self, *args, **values):
@@ -197,7 +199,7 @@ class Config:
         """The standard deviations of the likelihood, Eq. (4), as `information.fisher` and its kin take them."""
         return {"sigma_color": self.sigma_color, "sigma_depth": self.sigma_depth}
 
-    def replace(self, **changes) -> "Config":
+    def replace(self, **changes: float | str) -> "Config":
         """A copy with some constants changed. Raises ValueError for a name that is none of them."""
         return dataclasses.replace(self, **changes)
 

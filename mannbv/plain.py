@@ -23,10 +23,10 @@ class Plain:
 
     def to_json(self) -> dict:
         """The record as plain JSON values."""
-        return _dump(self)
+        return cast(dict, _dump(self))
 
     @classmethod
-    def from_json(cls: type[_Record], value, what: str = "") -> _Record:
+    def from_json(cls: type[_Record], value: object, what: str = "") -> _Record:
         """The record of plain JSON values. Raises ValueError, with `what` they are, for the first that is wrong."""
         return _record(cls, value, what or cls.__name__)
 

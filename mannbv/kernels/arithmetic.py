@@ -4,17 +4,28 @@ A kernel is compiled once for float32, in use, and once for float64, in tests: c
 """
 
 import math
-from typing import Any
+from typing import Literal, NotRequired, TypedDict
 
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic, overload
 
+
+class Options(TypedDict):
+    """How kernels are compiled, as `numba.njit` takes it."""
+
+    cache: bool
+    nogil: bool
+    fastmath: set[str]
+    error_model: Literal["numpy"]
+    parallel: NotRequired[bool]
+
+
 # sums may be grouped as suits the processor, always in the same way; nan and inf are refused before a kernel runs
 _FAST = {"nnan", "ninf", "nsz", "arcp", "contract", "afn", "reassoc"}
-KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "fastmath": _FAST, "error_model": "numpy"}
-PARALLEL: dict[str, Any] = KERNEL | {"parallel": True}
+KERNEL: Options = {"cache": True, "nogil": True, "fastmath": _FAST, "error_model": "numpy"}
+PARALLEL: Options = {**KERNEL, "parallel": True}
 
 _C0, _C1, _C2, _C3, _C4, _C5 = (np.float32(math.log(2) ** k / math.factorial(k)) for k in range(6))
 _BIAS, _MANTISSA = np.int32(127), np.int32(23)
