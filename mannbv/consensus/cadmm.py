@@ -5,19 +5,19 @@ Remark 1 asks, yet the yaws live on a circle: 3.1 and −3.1 meet at π, and wra
 """
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict, Unpack
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from mannbv import geometry
 from mannbv.config import Config, suggesting
-from mannbv.consensus.objectives import TIE, Called, Tabulated
+from mannbv.consensus.objectives import TIE, Called, Function, Tabulated
 
 PRIMALS = ("exact", "gradient", "stochastic")
-Number = float | int
 _DEFAULT = Config()
 
 
@@ -68,6 +68,23 @@ class Agreement:
         return [Outgoing(self.robot, j, self.round, self.copies) for j in self.neighbours]
 
 
+class Numbers(TypedDict, total=False):
+    """Fields of `CADMM`, for a type checker."""
+
+    penalty: float
+    growth: float
+    steps: int
+    rate: float
+
+
+class Options(Numbers, total=False):
+    """All of them."""
+
+    primal: str
+    circle: bool
+    seed: tuple[int, ...]
+
+
 @suggesting("consensus: no setting", "consensus.CADMM")
 @dataclass(frozen=True)
 class CADMM:
@@ -76,12 +93,12 @@ class CADMM:
     circle=False is the paper's literal arithmetic on numbers in [−π, π].
     """
 
-    penalty: Number = _DEFAULT.penalty  # ρ at first, for objectives whose largest value is 1
-    growth: Number = _DEFAULT.penalty_growth  # ρ is multiplied by this each round
+    penalty: float = _DEFAULT.penalty  # ρ at first, for objectives whose largest value is 1
+    growth: float = _DEFAULT.penalty_growth  # ρ is multiplied by this each round
     primal: str = "exact"  # Eq. (27): global on tables and BFGS on functions; or steps, "gradient" or "stochastic"
     circle: bool = True
     steps: int = _DEFAULT.primal_steps  # of the primals that take steps
-    rate: Number = _DEFAULT.primal_rate  # [rad²] of such a step
+    rate: float = _DEFAULT.primal_rate  # [rad²] of such a step
     seed: tuple[int, ...] = ()  # with a robot's number and its round it says what the stochastic primal draws
 
     def __post_init__(self):
@@ -94,7 +111,16 @@ class CADMM:
             choices = ", ".join(PRIMALS)
             raise ValueError(f"consensus: no primal update is called '{self.primal}'; choose one of {choices}")
 
-    def start(self, robot: int, neighbours, announced, objective, *, scale: Number = 1.0, copies=None) -> Agreement:
+    def start(
+        self,
+        robot: int,
+        neighbours: Iterable[int],
+        announced: ArrayLike,
+        objective: ArrayLike | Function,
+        *,
+        scale: float = 1.0,
+        copies: ArrayLike | None = None,
+    ) -> Agreement:
         """Robot i before anything was exchanged: z = first copies, λ = 0, and the first primal update (27).
 
         announced: everyone's announced yaw (N,) [rad]. objective: robot i's gains (N, M) on M uniform yaws of [−π, π),
@@ -102,28 +128,30 @@ class CADMM:
         one (`scale_of`). copies: other first copies (N,) [rad] than the announced yaws. Raises ValueError for wrong
         shapes and values.
         """
-        announced = np.asarray(announced, float)
-        n = len(announced)
-        first = announced if copies is None else np.asarray(copies, float)
+        known = np.asarray(announced, float)
+        n = len(known)
+        first = known if copies is None else np.asarray(copies, float)
         if not scale > 0:
             raise ValueError(f"consensus: scale must be positive, got {scale}")
         if callable(objective):
-            objective = Called(objective, float(scale))
+            own = Called(objective, float(scale))
         else:
             gains = np.asarray(objective, float)
             if gains.ndim != 2 or len(gains) != n or gains.shape[1] < 4 or not np.isfinite(gains).all():
                 raise ValueError(f"consensus: robot {robot} needs finite gains (N, M ≥ 4), N = {n}; got {gains.shape}")
-            objective = Tabulated(gains / scale)
-        if announced.ndim != 1 or first.shape != (n,) or not np.isfinite([announced, first]).all():
-            raise ValueError(f"consensus: robot {robot} needs a finite yaw of each robot, got {announced} and {first}")
-        origin = announced if self.circle else np.zeros(n)
+            own = Tabulated(gains / scale)
+        if known.ndim != 1 or first.shape != (n,) or not np.isfinite([known, first]).all():
+            raise ValueError(f"consensus: robot {robot} needs a finite yaw of each robot, got {known} and {first}")
+        origin = known if self.circle else np.zeros(n)
         first = geometry.wrap(first - origin)
-        neighbours = tuple(sorted(int(j) for j in neighbours))
-        alone = {} if neighbours else {"primal_residual": 0.0, "dual_residual": 0.0}
-        edge, dual = np.tile(first, (len(neighbours), 1)), np.zeros((len(neighbours), n))
-        penalty = float(self.penalty)
-        state = Agreement(int(robot), neighbours, objective, origin, first, first, edge, dual, penalty, **alone)
-        copies = self._primal(state, edge, dual, penalty, 1)
+        others = tuple(sorted(int(j) for j in neighbours))
+        edge, dual = np.tile(first, (len(others), 1)), np.zeros((len(others), n))
+        residual = float("inf") if others else 0.0
+        state = Agreement(
+            int(robot), others, own, origin, first, first, edge, dual, float(self.penalty),
+            primal_residual=residual, dual_residual=residual,
+        )  # fmt: skip
+        copies = self._primal(state, edge, dual, state.penalty, 1)
         return dataclasses.replace(state, copies=copies, agreed=copies)
 
     def step(self, state: Agreement, inbox: Mapping) -> Agreement:
@@ -187,7 +215,7 @@ def exchange(
     states: list[Agreement],
     deliver: Callable[[list[Outgoing]], Mapping[int, Mapping]],
     rounds: int = _DEFAULT.rounds,
-    tolerance: Number = _DEFAULT.tolerance,
+    tolerance: float = _DEFAULT.tolerance,
 ) -> Iterator[list[Agreement]]:
     """The rounds of messages: yields the robots' states at first and after each round, until all residuals are small.
 
@@ -208,7 +236,16 @@ class Started(Agreement):
     solver: CADMM = CADMM()
 
 
-def start(robot: int, neighbours, announced, objective, *, scale: Number = 1.0, copies=None, **settings) -> Started:
+def start(
+    robot: int,
+    neighbours: Iterable[int],
+    announced: ArrayLike,
+    objective: ArrayLike | Function,
+    *,
+    scale: float = 1.0,
+    copies: ArrayLike | None = None,
+    **settings: Unpack[Options],
+) -> Started:
     """`CADMM(**settings).start(…)`, for rounds played by hand."""
     solver = CADMM(**settings)
     state = solver.start(robot, neighbours, announced, objective, scale=scale, copies=copies)

@@ -9,15 +9,18 @@ objective is separable, F_i(T) = Σ_k f_ik(T_k), so a table per (i, k) says ever
 each k the best node of Σ_i f_ik.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
+from numpy.typing import ArrayLike
 from scipy import optimize, signal
 
 from mannbv import geometry
 
+Function = Callable[[np.ndarray], float]  # F_i of the N yaws
+Objectives = np.ndarray | Sequence[Function]  # a table (N, N, M), or N functions
 TIE = 1e-12  # stiffness where nothing pulls: of equally good yaws the one nearest to the present wins
 
 
@@ -26,21 +29,21 @@ def grid(n_yaws: int) -> Float[np.ndarray, " yaws"]:
     return 2 * np.pi * np.arange(n_yaws) / n_yaws - np.pi
 
 
-def interpolate(gains: Float[np.ndarray, "*rows yaws"], yaws, slope: bool = False) -> np.ndarray:
+def interpolate(gains: Float[np.ndarray, "*rows yaws"], yaws: ArrayLike, slope: bool = False) -> np.ndarray:
     """Periodic functions at one yaw [rad] each, linear between the nodes of their tables; or their slopes [1/rad].
 
     A slope is the central difference over one pitch to either side: continuous, and 0 on top of an even hill.
     """
-    yaws, n = np.asarray(yaws, float), gains.shape[-1]
+    at, n = np.asarray(yaws, float), gains.shape[-1]
     if slope:
         pitch = 2 * np.pi / n
-        return (interpolate(gains, yaws + pitch) - interpolate(gains, yaws - pitch)) / (2 * pitch)
-    place = (yaws + np.pi) * n / (2 * np.pi)
+        return (interpolate(gains, at + pitch) - interpolate(gains, at - pitch)) / (2 * pitch)
+    place = (at + np.pi) * n / (2 * np.pi)
     place = np.where(np.abs(place - np.rint(place)) < 1e-9, np.rint(place), place)  # a node keeps its very gain
     low = np.floor(place)
     shape = np.broadcast_shapes(gains.shape[:-1], low.shape)
     table, node = np.broadcast_to(gains, (*shape, n)), np.broadcast_to(low.astype(int), shape)[..., None]
-    here, there = (np.take_along_axis(table, at % n, -1)[..., 0] for at in (node, node + 1))
+    here, there = (np.take_along_axis(table, index % n, -1)[..., 0] for index in (node, node + 1))
     between = here + (place - low) * (there - here)
     return np.clip(between, np.minimum(here, there), np.maximum(here, there))  # rounding must not exceed the nodes
 
@@ -57,7 +60,9 @@ class Tabulated:
     def gradient(self, yaws: np.ndarray) -> np.ndarray:
         return interpolate(self.gains, yaws, slope=True)
 
-    def minimise(self, origin, first, center, stiffness, circle: bool) -> np.ndarray:
+    def minimise(
+        self, origin: np.ndarray, first: np.ndarray, center: np.ndarray, stiffness: float, circle: bool
+    ) -> np.ndarray:
         """argmin over real offsets x (N,) of −F(origin + x) + stiffness/2 ‖x − center‖², globally; `first` is unused.
 
         N searches in one dimension: between two nodes this is a parabola, whose minimum is known. On the circle f_k is
@@ -77,10 +82,11 @@ class Tabulated:
 
 @dataclass(frozen=True, eq=False)
 class Called:
-    """F as a function of the N yaws, divided by `scale`; its own `.gradient(yaws)` is used where it has one."""
+    """F as a function of the N yaws, divided by `scale`; slope: its gradient, by default its own `.gradient(yaws)`."""
 
-    function: Any
+    function: Function
     scale: float = 1.0
+    slope: Callable[[np.ndarray], np.ndarray] | None = None
 
     def __call__(self, yaws: np.ndarray) -> float:
         return self.value(yaws)
@@ -92,12 +98,15 @@ class Called:
         return value
 
     def gradient(self, yaws: np.ndarray) -> np.ndarray:
-        if hasattr(self.function, "gradient"):
-            return np.asarray(self.function.gradient(np.array(yaws)), float) / self.scale
+        slope = self.slope or getattr(self.function, "gradient", None)
+        if slope is not None:
+            return np.asarray(slope(np.array(yaws)), float) / self.scale
         nudges = 1e-5 * np.eye(len(yaws))
         return np.array([(self.value(yaws + nudge) - self.value(yaws - nudge)) / 2e-5 for nudge in nudges])
 
-    def minimise(self, origin, first, center, stiffness, circle: bool) -> np.ndarray:
+    def minimise(
+        self, origin: np.ndarray, first: np.ndarray, center: np.ndarray, stiffness: float, circle: bool
+    ) -> np.ndarray:
         """As `Tabulated.minimise`, but a local minimum, by BFGS from `first`."""
 
         def energy(x):
@@ -113,7 +122,7 @@ class Called:
         return optimize.minimize(energy, first, jac=slope, method="L-BFGS-B", bounds=box, options=options).x
 
 
-def checked(objectives) -> np.ndarray | list:
+def checked(objectives: Objectives) -> np.ndarray | list[Function]:
     """The (N, N, M) table or the list of N functions. Raises ValueError for anything else."""
     if isinstance(objectives, (list, tuple)) and objectives and all(callable(f) for f in objectives):
         return list(objectives)
@@ -134,7 +143,7 @@ def checked(objectives) -> np.ndarray | list:
     return table
 
 
-def scale_of(objectives) -> float:
+def scale_of(objectives: Objectives | Function) -> float:
     """The largest absolute gain in a table of any shape; 1 for an all-zero table and for functions.
 
     Divide every robot's objective by the *same* number, else robots with small gains count too much. A team gets it
@@ -145,7 +154,7 @@ def scale_of(objectives) -> float:
     return float(np.abs(np.asarray(objectives, float)).max()) or 1.0
 
 
-def value(objectives, yaws) -> float:
+def value(objectives: Objectives, yaws: ArrayLike) -> float:
     """The team's objective Σ_i F_i(yaws), Eq. (25), in the objectives' own unit; no table's exceeds that of its
     `best_yaws`."""
     if all(callable(f) for f in objectives):
@@ -153,26 +162,31 @@ def value(objectives, yaws) -> float:
     return float(interpolate(np.asarray(objectives, float).sum(0), yaws).sum())
 
 
-def tabulate(functions, announced, n_yaws: int = 72) -> Float[np.ndarray, "robots robots yaws"]:
+def tabulate(
+    functions: Sequence[Function], announced: ArrayLike, n_yaws: int = 72
+) -> Float[np.ndarray, "robots robots yaws"]:
     """Functions as an (N, N, M) table: each yaw in turn swept, the others as announced. Exact if F is separable."""
-    n = len(announced)
+    near = np.asarray(announced, float)
+    n = len(near)
     table = np.empty((n, n, n_yaws))
     for i, k in np.ndindex(n, n):
-        yaws = np.tile(np.asarray(announced, float), (n_yaws, 1))
+        yaws = np.tile(near, (n_yaws, 1))
         yaws[:, k] = grid(n_yaws)
         table[i, k] = [Called(functions[i]).value(row) for row in yaws]
     return table
 
 
-def best_yaws(gains: Float[np.ndarray, "robots yaws"], near) -> Float[np.ndarray, " robots"]:
+def best_yaws(gains: Float[np.ndarray, "robots yaws"], near: ArrayLike) -> Float[np.ndarray, " robots"]:
     """argmax of each row [rad]; of equally good yaws the one nearest to `near` (N,), which on a flat top is `near`."""
-    near, top = np.asarray(near, float), gains.max(1)
+    here, top = np.asarray(near, float), gains.max(1)
     nodes = grid(gains.shape[1])
-    away = np.where(gains == top[:, None], np.abs(geometry.wrap(nodes - near[:, None])), np.inf)
-    return np.where(interpolate(gains, near) == top, geometry.wrap(near), nodes[away.argmin(1)])
+    away = np.where(gains == top[:, None], np.abs(geometry.wrap(nodes - here[:, None])), np.inf)
+    return np.where(interpolate(gains, here) == top, geometry.wrap(here), nodes[away.argmin(1)])
 
 
-def quantise(gains: Float[np.ndarray, " yaws"], bins=36, bits=8) -> tuple[UInt8[np.ndarray, " bins"], float]:
+def quantise(
+    gains: Float[np.ndarray, " yaws"], bins: int = 36, bits: int = 8
+) -> tuple[UInt8[np.ndarray, " bins"], float]:
     """A profile in few bytes: `bins` levels of at most 8 bits above its minimum, and the height of one level.
 
     The minimum itself is not kept, since an argmax does not need it.
@@ -185,6 +199,6 @@ def quantise(gains: Float[np.ndarray, " yaws"], bins=36, bits=8) -> tuple[UInt8[
     return levels.astype(np.uint8), height
 
 
-def restore(levels: UInt8[np.ndarray, " bins"], height, n_yaws: int) -> Float[np.ndarray, " yaws"]:
+def restore(levels: UInt8[np.ndarray, " bins"], height: float, n_yaws: int) -> Float[np.ndarray, " yaws"]:
     """The profile of `quantise` on M yaws, less its minimum."""
     return signal.resample(levels * float(height), n_yaws)

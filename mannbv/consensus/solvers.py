@@ -4,18 +4,21 @@ import dataclasses
 import functools
 import inspect
 from collections import defaultdict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypedDict, Unpack
+from typing import TypeVar, Unpack
 
 import networkx as nx
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from mannbv import geometry
 from mannbv import network as networks
 from mannbv.config import Config, suggesting
 from mannbv.consensus import objectives as tables
-from mannbv.consensus.cadmm import CADMM, Agreement, Number, Outgoing, exchange
+from mannbv.consensus.cadmm import CADMM, Agreement, Numbers, Outgoing, exchange
+from mannbv.consensus.objectives import Objectives
 
 _DEFAULT = Config()
 
@@ -37,16 +40,16 @@ class Round:
 class Settings:
     """What a solver may need beside the problem. Raises ValueError for impossible values."""
 
-    penalty: Number = CADMM.penalty  # ρ, for objectives whose largest value is 1
-    growth: Number = CADMM.growth  # ρ is multiplied by this each round
+    penalty: float = CADMM.penalty  # ρ, for objectives whose largest value is 1
+    growth: float = CADMM.growth  # ρ is multiplied by this each round
     rounds: int = _DEFAULT.rounds  # T_ADMM, rounds of messages at most
-    tolerance: Number = _DEFAULT.tolerance  # the rounds end when both residuals are smaller
+    tolerance: float = _DEFAULT.tolerance  # the rounds end when both residuals are smaller
     primal: str | None = None  # "exact", "gradient" or "stochastic"; None: as the solver's name says
     rng: np.random.Generator | None = None  # for solvers that draw
-    loss: Number = 0.0  # probability that a message is lost (C-ADMM only; needs rng)
-    scale: Number | None = None  # objectives are divided by this; None: their largest absolute value, 1 for functions
+    loss: float = 0.0  # probability that a message is lost (C-ADMM only; needs rng)
+    scale: float | None = None  # objectives are divided by this; None: their largest absolute value, 1 for functions
     steps: int = CADMM.steps  # of the primals that take steps
-    rate: Number = CADMM.rate  # [rad²] of such a step
+    rate: float = CADMM.rate  # [rad²] of such a step
     bins: int = 36  # of a quantised profile
     bits: int = 8  # of each bin
 
@@ -67,24 +70,25 @@ class Settings:
         return CADMM(self.penalty, self.growth, primal, circle, self.steps, self.rate, seed)
 
 
-class Options(TypedDict, total=False):
+class Options(Numbers, total=False):
     """The fields of `Settings` for a type checker, which cannot read them off the record."""
 
-    penalty: Number
-    growth: Number
     rounds: int
-    tolerance: Number
+    tolerance: float
     primal: str | None
     rng: np.random.Generator | None
-    loss: Number
-    scale: Number | None
-    steps: int
-    rate: Number
+    loss: float
+    scale: float | None
     bins: int
     bits: int
 
 
-def explicit(function):
+Solver = Callable[[Objectives, nx.Graph, np.ndarray, Settings], list[Round] | np.ndarray]  # how one is registered
+Solve = TypeVar("Solve", bound=Callable)
+Stand = TypeVar("Stand")
+
+
+def explicit(function: Solve) -> Solve:
     """The function itself; its signature now names the fields of `Settings`, for `help` and completion."""
     signature = inspect.signature(function)
     given = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
@@ -92,12 +96,14 @@ def explicit(function):
         inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=f.type)
         for f in dataclasses.fields(Settings)
     ]
-    function.__signature__ = signature.replace(parameters=given + options)
+    vars(function)["__signature__"] = signature.replace(parameters=given + options)
     return function
 
 
 @explicit
-def solve(objectives, network: nx.Graph, yaws, solver: str = "cadmm", **settings: Unpack[Options]) -> list[Round]:
+def solve(
+    objectives: Objectives, network: nx.Graph, yaws: ArrayLike, solver: str = "cadmm", **settings: Unpack[Options]
+) -> list[Round]:
     """The team's yaws that maximise Σ_i F_i, Eq. (25), as a trace of rounds; the last one is the answer.
 
     objectives: (N, N, M) gains of robot k's view in robot i's map on M uniform yaws of [−π, π), or N functions
@@ -108,19 +114,19 @@ def solve(objectives, network: nx.Graph, yaws, solver: str = "cadmm", **settings
     if solver not in SOLVERS:
         raise ValueError(f"consensus: no solver is called '{solver}'; choose one of {', '.join(SOLVERS)}")
     chosen = Settings(**settings)
-    objectives = tables.checked(objectives)
-    n = len(objectives)
+    problem = tables.checked(objectives)
+    n = len(problem)
     networks.check(network, n)
-    yaws = np.asarray(yaws, float)
-    if yaws.shape not in ((n,), (n, n)) or not np.isfinite(yaws).all():
-        raise ValueError(f"consensus: yaws must be {n} or {n} × {n} finite angles, got {yaws.tolist()}")
-    scale = float(chosen.scale or tables.scale_of(objectives))
-    scaled = [tables.Called(f, scale) for f in objectives] if _functions(objectives) else objectives / scale
-    answer = SOLVERS[solver](scaled, network, yaws, chosen)
-    return answer if isinstance(answer, list) else [_alone(_announced(yaws), np.asarray(answer, float))]
+    first = np.asarray(yaws, float)
+    if first.shape not in ((n,), (n, n)) or not np.isfinite(first).all():
+        raise ValueError(f"consensus: yaws must be {n} or {n} × {n} finite angles, got {first.tolist()}")
+    scale = float(chosen.scale or tables.scale_of(problem))
+    scaled = problem / scale if isinstance(problem, np.ndarray) else [tables.Called(f, scale) for f in problem]
+    answer = SOLVERS[solver](scaled, network, first, chosen)
+    return answer if isinstance(answer, list) else [_alone(_announced(first), np.asarray(answer, float))]
 
 
-def register(name: str, function) -> None:
+def register(name: str, function: Solver) -> None:
     """Make `solve(…, solver=name)` call function(objectives, network, yaws, settings).
 
     It gets checked, scaled objectives and a `Settings`, and returns a trace (a list of `Round`) or just N yaws [rad].
@@ -129,10 +135,6 @@ def register(name: str, function) -> None:
     if name in _OURS or not callable(function):
         raise ValueError(f"consensus: cannot register '{name}': the name is one of ours, or it is no function")
     SOLVERS[name] = function
-
-
-def _functions(objectives) -> bool:
-    return not isinstance(objectives, np.ndarray)
 
 
 def _announced(yaws: np.ndarray) -> np.ndarray:
@@ -146,22 +148,22 @@ def _alone(announced: np.ndarray, yaws: np.ndarray) -> Round:
     return Round(geometry.wrap(yaws), geometry.wrap(copies))
 
 
-def _as_table(objectives, announced) -> np.ndarray:
-    return tables.tabulate(objectives, announced) if _functions(objectives) else objectives
+def _as_table(objectives: Objectives, announced: np.ndarray) -> np.ndarray:
+    return objectives if isinstance(objectives, np.ndarray) else tables.tabulate(objectives, announced)
 
 
-def own(objectives, network, yaws, settings) -> list[Round]:
+def own(objectives: Objectives, network: nx.Graph, yaws: np.ndarray, settings: Settings) -> list[Round]:
     """Each robot takes the best view for its own map, argmax f_kk; nothing is sent."""
     announced = _announced(yaws)
     diagonal = np.einsum("kkm->km", _as_table(objectives, announced))
     return [_alone(announced, tables.best_yaws(diagonal, announced))]
 
 
-def optimum(objectives, network, yaws, settings) -> list[Round]:
+def optimum(objectives: Objectives, network: nx.Graph, yaws: np.ndarray, settings: Settings) -> list[Round]:
     """The oracle: argmax_ψ Σ_i f_ik(ψ) for every k. For functions a local search from the best of each yaw's sweep."""
     announced = _announced(yaws)
     best = tables.best_yaws(_as_table(objectives, announced).sum(0), announced)
-    if _functions(objectives):
+    if not isinstance(objectives, np.ndarray):
         team = tables.Called(lambda psi: sum(f(psi) for f in objectives))
         still = np.zeros(len(best))
         best = max((best, announced), key=team.value)
@@ -169,7 +171,7 @@ def optimum(objectives, network, yaws, settings) -> list[Round]:
     return [Round(best, np.tile(best, (len(best), 1)))]
 
 
-def profile(objectives, network, yaws, settings) -> list[Round]:
+def profile(objectives: Objectives, network: nx.Graph, yaws: np.ndarray, settings: Settings) -> list[Round]:
     """One exchange: each robot gets everyone's f_ik quantised to `bins` × `bits` and takes the best of the sum.
 
     What C-ADMM is up against: 36 B and a scale a message, no rounds, no step size.
@@ -184,19 +186,30 @@ def profile(objectives, network, yaws, settings) -> list[Round]:
     return [_alone(announced, tables.best_yaws(team, announced))]
 
 
-def _cadmm(objectives, network, yaws, settings, primal="exact", circle=True) -> list[Round]:
+def _cadmm(
+    objectives: Objectives, network: nx.Graph, yaws: np.ndarray, settings: Settings, primal: str = "exact",
+    circle: bool = True,
+) -> list[Round]:  # fmt: skip
     announced = _announced(yaws)
     firsts = np.tile(announced, (len(announced), 1)) if yaws.ndim == 1 else yaws
     return played(settings.cadmm(primal, circle), objectives, network, announced, firsts, settings, _stand)
 
 
-def played(solver: CADMM, objectives, network, announced, firsts, settings: Settings, stand) -> list:
+def played(
+    solver: CADMM,
+    objectives: np.ndarray | Sequence,
+    network: nx.Graph,
+    announced: np.ndarray,
+    firsts: np.ndarray,
+    settings: Settings,
+    stand: Callable[[list[Agreement], tuple[float, float], float], Stand],
+) -> list[Stand]:
     """C-ADMM from first copies (N, N), its messages in memory: stand(states, largest residuals, ρ) after each round."""
 
     def deliver(outbox: list[Outgoing]) -> dict[int, dict]:
         inboxes = defaultdict(dict)
         for note in sorted(outbox, key=lambda note: (note.receiver, note.sender)):
-            if not (settings.loss and settings.rng.random() < settings.loss):
+            if not (settings.rng and settings.loss and settings.rng.random() < settings.loss):
                 inboxes[note.receiver][note.sender] = note.offsets
         return inboxes
 
@@ -206,18 +219,18 @@ def played(solver: CADMM, objectives, network, announced, firsts, settings: Sett
     ]
     trace, penalty = [], float(solver.penalty)
     for states in exchange(solver, team, deliver, settings.rounds, settings.tolerance):
-        residuals = (max(s.primal_residual for s in states), max(s.dual_residual for s in states))
+        residuals = max(s.primal_residual for s in states), max(s.dual_residual for s in states)
         trace.append(stand(states, residuals, penalty))
         penalty = states[0].penalty
     return trace
 
 
-def _stand(states, residuals, penalty: float) -> Round:
+def _stand(states: list[Agreement], residuals: tuple[float, float], penalty: float) -> Round:
     yaws, copies = np.array([s.yaw for s in states]), np.stack([s.yaws for s in states])
-    return Round(yaws, copies, *residuals, penalty, tuple(states))
+    return Round(yaws, copies, residuals[0], residuals[1], penalty, tuple(states))
 
 
-SOLVERS = {
+SOLVERS: dict[str, Solver] = {
     "cadmm": _cadmm,
     "cadmm-gradient": functools.partial(_cadmm, primal="gradient"),
     "cadmm-stochastic": functools.partial(_cadmm, primal="stochastic"),  # the paper's primal update

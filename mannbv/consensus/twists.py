@@ -4,16 +4,18 @@ A twist is a vector, so that Eqs. (26)-(29) stay as they are: N robots with k de
 in place of N yaws. Only who evaluates an objective knows what a twist does to a pose.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Unpack
 
 import networkx as nx
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from mannbv import network as networks
 from mannbv.consensus.cadmm import Agreement
-from mannbv.consensus.objectives import Called
+from mannbv.consensus.objectives import Called, Function
 from mannbv.consensus.solvers import Options, Settings, explicit, played
 
 SOLVERS = {"cadmm": "exact", "cadmm-gradient": "gradient"}
@@ -33,7 +35,11 @@ class TwistRound:
 
 @explicit
 def solve_twists(
-    objectives, network: nx.Graph, directions, solver: str = "cadmm", **settings: Unpack[Options]
+    objectives: Sequence[Function],
+    network: nx.Graph,
+    directions: ArrayLike,
+    solver: str = "cadmm",
+    **settings: Unpack[Options],
 ) -> list[TwistRound]:
     """The team's poses that maximise Σ_i F_i, Eq. (25), as a trace of rounds of twists; the last one is the answer.
 
@@ -49,16 +55,16 @@ def solve_twists(
         raise ValueError("consensus: objectives of twists must be a list of N functions")
     chosen, n = Settings(**settings), len(objectives)
     networks.check(network, n)
-    directions = np.asarray(directions, float)
-    if directions.ndim != 3 or len(directions) != n or 0 in directions.shape or not np.isfinite(directions).all():
-        raise ValueError(f"consensus: directions must be finite and ({n}, k, t), got {directions.shape}")
+    ways = np.asarray(directions, float)
+    if ways.ndim != 3 or len(ways) != n or 0 in ways.shape or not np.isfinite(ways).all():
+        raise ValueError(f"consensus: directions must be finite and ({n}, k, t), got {ways.shape}")
 
-    def stand(states, residuals, penalty) -> TwistRound:
-        copies = np.stack([_twists(state.agreed, directions) for state in states])
-        return TwistRound(copies[range(n), range(n)], copies, *residuals, penalty, tuple(states))
+    def stand(states: Sequence[Agreement], residuals: tuple[float, float], penalty: float) -> TwistRound:
+        copies = np.stack([_twists(state.agreed, ways) for state in states])
+        return TwistRound(copies[range(n), range(n)], copies, residuals[0], residuals[1], penalty, tuple(states))
 
-    scaled = [Called(_along(f, directions), float(chosen.scale or 1.0)) for f in objectives]
-    still = np.zeros((n, directions[..., 0].size))
+    scaled = [_along(f, ways, float(chosen.scale or 1.0)) for f in objectives]
+    still = np.zeros((n, ways[..., 0].size))
     return played(chosen.cadmm(SOLVERS[solver]), scaled, network, still[0], still, chosen, stand)
 
 
@@ -67,14 +73,16 @@ def _twists(coordinates: np.ndarray, directions: np.ndarray) -> np.ndarray:
     return np.einsum("nk,nkt->nt", coordinates.reshape(directions.shape[:2]), directions)
 
 
-def _along(function, directions: np.ndarray):
+def _along(function: Function, directions: np.ndarray, scale: float) -> Called:
     """F as a function of the N·k coordinates along the directions, with its gradient where F has one."""
+    gradient = getattr(function, "gradient", None)
 
-    def value(coordinates):
+    def value(coordinates: np.ndarray) -> float:
         return function(_twists(coordinates, directions))
 
-    if hasattr(function, "gradient"):
-        value.gradient = lambda coordinates: np.einsum(
-            "nt,nkt->nk", np.asarray(function.gradient(_twists(coordinates, directions)), float), directions
-        ).ravel()
-    return value
+    def slope(coordinates: np.ndarray) -> np.ndarray:
+        assert gradient is not None
+        found = np.asarray(gradient(_twists(coordinates, directions)), float)
+        return np.einsum("nt,nkt->nk", found, directions).ravel()
+
+    return Called(value, scale, None if gradient is None else slope)

@@ -32,7 +32,7 @@ def encode(message: Message, codec: str = "json") -> bytes:
     return _to_json(message, values) if codec == "json" else _to_binary(message, values)
 
 
-def decode(data) -> Message:
+def decode(data: bytes | bytearray | memoryview) -> Message:
     """The message in `data` (bytes), whichever codec wrote it. Raises ValueError, in one line, for anything else."""
     if not isinstance(data, (bytes, bytearray, memoryview)):
         raise ValueError(f"messages: expected bytes, got {type(data).__name__}")
@@ -108,7 +108,7 @@ def _from_binary(data: bytes) -> tuple[type, dict]:
 
 
 def _to_json(message: Message, values: dict) -> bytes:
-    record = {"kind": type(message).__name__}
+    record: dict[str, object] = {"kind": type(message).__name__}
     for name, wire in layout(message).items():
         value = np.asarray(values[name], wire.dtype)
         if wire.raw:

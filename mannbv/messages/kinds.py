@@ -7,11 +7,10 @@ decoded message has been checked as well, and holds nothing of the sender's memo
 """
 
 from dataclasses import dataclass, field, fields
-from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64, Int8, Int32, UInt8
 from torch import Tensor
 
 from mannbv.config import Config
@@ -19,6 +18,7 @@ from mannbv.grid import FREE, OCCUPIED, Lattice, Occupancy
 from mannbv.splats import SplatMap
 
 _DEFAULT = Config()
+_LEFT_OUT = torch.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -31,16 +31,16 @@ class Layout:
     tensor: bool = False  # in memory a torch tensor
 
 
-def _wire(*args, **options) -> dict[str, Layout]:
-    return {"wire": Layout(*args, **options)}
+def _wire(dtype: str, axes: int = 0, raw: bool = False, tensor: bool = False) -> dict[str, Layout]:
+    return {"wire": Layout(dtype, axes, raw, tensor)}
 
 
-def layout(kind) -> dict[str, Layout]:
+def layout(kind: "Message | type[Message]") -> dict[str, Layout]:
     """Field name → layout of a kind or message, in the order on the wire."""
     return {f.name: f.metadata["wire"] for f in fields(kind)}
 
 
-def _fault(message, what: str):
+def _fault(message: "Message", what: str) -> ValueError:
     return ValueError(f"{type(message).__name__.lower()} message: {what}")
 
 
@@ -86,8 +86,8 @@ def _plain(message, name: str, splats: SplatMap, wire: Layout) -> SplatMap:
 class Message:
     """What every message says: where it came from first, and in which planning cycle."""
 
-    robot: Any = field(metadata=_wire("<u2"))
-    cycle: Any = field(metadata=_wire("<u4"))
+    robot: int = field(metadata=_wire("<u2"))
+    cycle: int = field(metadata=_wire("<u4"))
 
     def __post_init__(self):
         for name, wire in layout(self).items():
@@ -104,9 +104,9 @@ class Message:
 class Plan(Message):
     """(T_i, P_i) of Algorithm 1, line 5: a robot's candidate view and its planned path."""
 
-    position: Any = field(metadata=_wire("<f8", 1))  # (d,) of the view [m]
-    yaw: Any = field(metadata=_wire("<f8"))  # of the view [rad]
-    path: Any = field(metadata=_wire("<f4", 2))  # (K, d) [m]
+    position: Float64[np.ndarray, " d"] = field(metadata=_wire("<f8", 1))  # (d,) of the view [m]
+    yaw: float = field(metadata=_wire("<f8"))  # of the view [rad]
+    path: Float32[np.ndarray, "k d"] = field(metadata=_wire("<f4", 2))  # (K, d) [m]
 
     def _check(self):
         d, path = len(self.position), self.path.shape
@@ -118,29 +118,29 @@ class Plan(Message):
 class Suggestion(Message):
     """What robot `robot`'s map says of robot `target`'s view, Eq. (23): its best yaw and two gains."""
 
-    target: Any = field(metadata=_wire("<u2"))
-    yaw: Any = field(metadata=_wire("<f8"))  # argmax f_ik [rad]
-    gain: Any = field(metadata=_wire("<f8"))  # at that yaw
-    announced_gain: Any = field(metadata=_wire("<f8"))  # at the announced yaw
+    target: int = field(metadata=_wire("<u2"))
+    yaw: float = field(metadata=_wire("<f8"))  # argmax f_ik [rad]
+    gain: float = field(metadata=_wire("<f8"))  # at that yaw
+    announced_gain: float = field(metadata=_wire("<f8"))  # at the announced yaw
     # the sender's largest gain over all the views it evaluates: the largest of all robots' scales the objectives
-    largest: Any = field(metadata=_wire("<f8"), default=0.0)
+    largest: float = field(metadata=_wire("<f8"), default=0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Copies(Message):
     """T^(i) of one C-ADMM round, Algorithm 1, line 11: offsets from the announced yaws."""
 
-    round: Any = field(metadata=_wire("<u4"))
-    offsets: Any = field(metadata=_wire("<f8", 1))  # (N,) [rad]
+    round: int = field(metadata=_wire("<u4"))
+    offsets: Float64[np.ndarray, " n"] = field(metadata=_wire("<f8", 1))  # (N,) [rad]
 
 
 @dataclass(frozen=True, eq=False)
 class Profile(Message):
     """f_ik over all yaws of robot `target`'s view, as `consensus.quantise` writes it."""
 
-    target: Any = field(metadata=_wire("<u2"))
-    height: Any = field(metadata=_wire("<f4"))  # of one level, in units of gain
-    levels: Any = field(metadata=_wire("|u1", 1))  # (bins,)
+    target: int = field(metadata=_wire("<u2"))
+    height: float = field(metadata=_wire("<f4"))  # of one level, in units of gain
+    levels: UInt8[np.ndarray, " bins"] = field(metadata=_wire("|u1", 1))  # (bins,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,17 +150,18 @@ class Splats(Message):
     A splat is 14 numbers = 56 B in space, 10 = 40 B in flatland; ids add 4 B and a prior of p columns 4p B each.
     """
 
-    splats: Any = field(metadata=_wire("<f4", 2, raw=True))  # a SplatMap
-    ids: Any = field(metadata=_wire("<i4", 1, raw=True, tensor=True), default=None)  # (n,); None: 0 … n−1
-    prior: Any = field(metadata=_wire("<f4", 2, raw=True, tensor=True), default=None)  # (n, p); None: p = 0
-    whole: Any = field(metadata=_wire("|u1"), default=0)  # 1: all that the sender has, earlier ones are gone
+    splats: SplatMap = field(metadata=_wire("<f4", 2, raw=True))
+    # left out: ids 0 … n−1, and a prior of no columns
+    ids: Int32[Tensor, " n"] = field(metadata=_wire("<i4", 1, raw=True, tensor=True), default=_LEFT_OUT)
+    prior: Float32[Tensor, "n p"] = field(metadata=_wire("<f4", 2, raw=True, tensor=True), default=_LEFT_OUT)
+    whole: int = field(metadata=_wire("|u1"), default=0)  # 1: all that the sender has, earlier ones are gone
 
     def __post_init__(self):
         if not isinstance(self.splats, SplatMap):
             raise _fault(self, f"splats must be a SplatMap, got {type(self.splats).__name__}")
         n = self.splats.n_splats
-        object.__setattr__(self, "ids", torch.arange(n, dtype=torch.int32) if self.ids is None else self.ids)
-        object.__setattr__(self, "prior", torch.zeros(n, 0) if self.prior is None else self.prior)
+        object.__setattr__(self, "ids", torch.arange(n, dtype=torch.int32) if self.ids is _LEFT_OUT else self.ids)
+        object.__setattr__(self, "prior", torch.zeros(n, 0) if self.prior is _LEFT_OUT else self.prior)
         super().__post_init__()
 
     def _check(self):
@@ -176,9 +177,9 @@ class Grid(Message):
     On the wire four cells a byte, compressed by zlib.
     """
 
-    origin: Any = field(metadata=_wire("<f8", 1))  # (2,) of the lower corner [m]
-    cell: Any = field(metadata=_wire("<f8"))  # [m]
-    state: Any = field(metadata=_wire("|i1", 2, raw=True))  # (nx, ny)
+    origin: Float64[np.ndarray, " 2"] = field(metadata=_wire("<f8", 1))  # (2,) of the lower corner [m]
+    cell: float = field(metadata=_wire("<f8"))  # [m]
+    state: Int8[np.ndarray, "nx ny"] = field(metadata=_wire("|i1", 2, raw=True))  # (nx, ny)
 
     def _check(self):
         if self.origin.shape != (2,) or not self.cell > 0:
@@ -187,7 +188,7 @@ class Grid(Message):
             raise _fault(self, "states must be -1 (unknown), 0 (free) or 1 (occupied)")
 
     @staticmethod
-    def of(robot, cycle, occupancy) -> "Grid":
+    def of(robot: int, cycle: int, occupancy: Occupancy) -> "Grid":
         """The message of a `grid.Occupancy`."""
         lattice = occupancy.lattice
         return Grid(robot, cycle, np.array(lattice.origin), lattice.cell, occupancy.state)
@@ -201,7 +202,8 @@ class Grid(Message):
 
     @property
     def lattice(self) -> Lattice:
-        return Lattice((float(self.origin[0]), float(self.origin[1])), self.cell, self.state.shape)
+        nx, ny = self.state.shape
+        return Lattice((float(self.origin[0]), float(self.origin[1])), self.cell, (nx, ny))
 
 
 KINDS = (Plan, Suggestion, Copies, Profile, Splats, Grid)

@@ -4,7 +4,7 @@ import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import overload
+from typing import SupportsIndex, overload
 
 import matplotlib as mpl
 import numpy as np
@@ -46,7 +46,7 @@ def style() -> Iterator[None]:
         yield
 
 
-def robot_color(robot: int) -> str:
+def robot_color(robot: SupportsIndex) -> str:
     """The colour of robot `robot` in every picture; from the eleventh robot on they repeat."""
     return COLORS[int(robot) % len(COLORS)]
 
