@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from mannbv import grid, information
@@ -21,6 +22,13 @@ class Belief:
     prior: Float[Tensor, "n p"]
     ground: grid.Occupancy | None = None
 
+    @property
+    def known(self) -> grid.Occupancy:
+        """Its ground. Raises ValueError where it has none."""
+        if self.ground is None:
+            raise ValueError("belief: this needs to know the ground; give Belief(…, ground=…)")
+        return self.ground
+
 
 def shown(belief: Belief, camera: Camera, pose: Pose, config: Config, others: SplatMap | None = None) -> Tensor:
     """Fisher information (n, p) of one view about a belief's splats, Eqs. (3)-(5); `others` occlude."""
@@ -30,7 +38,7 @@ def shown(belief: Belief, camera: Camera, pose: Pose, config: Config, others: Sp
 def profile(
     belief: Belief,
     camera: Camera,
-    position,
+    position: ArrayLike,
     config: Config,
     weights: Float[Tensor, " n"] | None = None,
     selected: Bool[Tensor, " n"] | None = None,

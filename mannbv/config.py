@@ -11,11 +11,18 @@ import math
 import numbers
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields
-from typing import TypeVar
+from typing import TypedDict, TypeVar
 
 from mannbv import archive
 
 T = TypeVar("T")
+
+
+class Noise(TypedDict):
+    """Standard deviations of the likelihood, Eq. (4): of a colour channel [1] and of depth [m]."""
+
+    sigma_color: float
+    sigma_depth: float
 
 
 def nearest(wrong: Iterable[str], known: Iterable[str]) -> str:
@@ -195,7 +202,7 @@ class Config:
             raise ValueError(f"config: n_yaws must be at least 4, got {self.n_yaws}")
 
     @property
-    def noise(self) -> dict[str, float]:
+    def noise(self) -> Noise:
         """The standard deviations of the likelihood, Eq. (4), as `information.fisher` and its kin take them."""
         return {"sigma_color": self.sigma_color, "sigma_depth": self.sigma_depth}
 

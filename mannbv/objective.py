@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from mannbv import consensus, information, mask, risk, splats
@@ -54,7 +55,9 @@ def served(belief: Belief, camera: Camera, position: np.ndarray, path: np.ndarra
     return profile(belief, camera, position, config, here.weights, here.selected)
 
 
-def local(belief: Belief, camera: Camera, positions: list, paths: list, config: Config) -> np.ndarray:
+def local(
+    belief: Belief, camera: Camera, positions: list[np.ndarray], paths: list[np.ndarray], config: Config
+) -> np.ndarray:
     """F_i as gains (N, M) of each robot's view on M uniform yaws, in one robot's map: the rows of Eq. (24)."""
     rows = np.zeros((len(paths), config.n_yaws))
     for k, (position, path) in enumerate(zip(positions, paths, strict=True)):
@@ -122,7 +125,7 @@ def lower_bound(
     return distributed.sum().item(), central.sum().item()
 
 
-def team(gains: np.ndarray, yaws) -> float:
+def team(gains: np.ndarray, yaws: ArrayLike) -> float:
     """The team's objective, Eq. (24): Σ_k Σ_i f_ik(ψ_k), from tables (N, N, M) on uniform yaws, linear in between."""
     return consensus.value(gains, yaws)
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 
 from mannbv import grid, risk
 from mannbv.belief import Belief, profile
@@ -44,9 +45,10 @@ def thin(path: np.ndarray, spacing: float) -> np.ndarray:
     return path[np.unique(np.searchsorted(along, marks - 1e-9))]
 
 
-def raised(ground: np.ndarray, rest) -> np.ndarray:
+def raised(ground: np.ndarray, rest: ArrayLike) -> np.ndarray:
     """Points (k, d) [m] over points (k, 2) of the ground; rest (d − 2,): the coordinates above it, [] in flatland."""
-    return np.concatenate([ground, np.broadcast_to(rest, (len(ground), len(rest)))], 1)
+    above = np.asarray(rest, float)
+    return np.concatenate([ground, np.broadcast_to(above, (len(ground), len(above)))], 1)
 
 
 def traversable(occupancy: grid.Occupancy, config: Config) -> np.ndarray:
@@ -57,7 +59,9 @@ def traversable(occupancy: grid.Occupancy, config: Config) -> np.ndarray:
     return (state == grid.FREE) & ~near & ~grid.within(state == grid.UNKNOWN, body, cell)
 
 
-def prices(splat_map: SplatMap, lattice: grid.Lattice, cells: np.ndarray, rest: np.ndarray, config: Config):
+def prices(
+    splat_map: SplatMap, lattice: grid.Lattice, cells: np.ndarray, rest: np.ndarray, config: Config
+) -> np.ndarray:
     """A*'s price (nx, ny) per metre: 1 + risk_weight · exp(−α / risk_scale) on the given cells, inf elsewhere.
 
     rest: as in `raised`, so that α is taken at camera height in 3-D. Below α = −risk_floor · risk_scale prices grow no
@@ -102,7 +106,12 @@ def _frontier_targets(
 
 
 def plan(
-    belief: Belief, camera: Camera, position: np.ndarray, goal: np.ndarray, config: Config, tried: Sequence = ()
+    belief: Belief,
+    camera: Camera,
+    position: np.ndarray,
+    goal: np.ndarray,
+    config: Config,
+    tried: Sequence[np.ndarray] = (),
 ) -> Route | None:
     """The route to the goal if it is known to be reachable, else to the most informative frontier near it.
 
@@ -110,7 +119,7 @@ def plan(
     by no more than `detour` and `slack`; of the `n_subgoals` nearest, the one whose best view gains most is chosen.
     tried: (x, y) [m] of subgoals that showed nothing new. None where there is nowhere to go.
     """
-    occupancy = belief.ground
+    occupancy = belief.known
     lattice = occupancy.lattice
     cells = traversable(occupancy, config)
     here, goal_cell = lattice.index(np.stack([position, goal]))
@@ -122,7 +131,8 @@ def plan(
     price = prices(belief.splats, lattice, reach, position[2:], config)
     nothing = np.zeros((0, len(position))), np.zeros(0)
     if lattice.at(reach, goal[None], False)[0]:
-        return Route(safe_path(price, lattice, position, goal), None, *nothing)
+        way = safe_path(price, lattice, position, goal)
+        return way if way is None else Route(way, None, *nothing)
 
     blocked = grid.within(occupancy.state == grid.OCCUPIED, config.robot_radius + 0.5 * lattice.cell, lattice.cell)
     blocked[goal_cell[0], goal_cell[1]] = False
@@ -141,6 +151,6 @@ def plan(
     candidates = raised(spots[order], position[2:])
     gains = np.array([profile(belief, camera, s, config, n_yaws=config.subgoal_yaws).gains.max() for s in candidates])
     best = int(np.argmax(gains))
-    waypoints = safe_path(price, lattice, position, candidates[best])
+    way = safe_path(price, lattice, position, candidates[best])
     look = np.concatenate([lattice.centers(targets[order[best]][1]), position[2:]])
-    return Route(waypoints, look, candidates, gains)
+    return way if way is None else Route(way, look, candidates, gains)

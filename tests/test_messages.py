@@ -234,7 +234,7 @@ def test_promised_sizes_are_checked_before_memory_is_taken():
     assert messages.decode(start + struct.pack("<III", 10, 10, len(good)) + good).state.shape == (10, 10)
 
 
-def test_senders_are_checked_too():
+def test_senders_are_checked_too(unchecked):
     rng = np.random.default_rng(7)
     dirty = random_map(rng, 2, 2)
     dirty.means[0, 0] = torch.inf

@@ -1,6 +1,6 @@
 """Agreement on any objectives F_i of the team's yaws, or twists of its poses, Eqs. (25)-(29); it knows no splats."""
 
-from mannbv.consensus.cadmm import CADMM, PRIMALS, Agreement, Outgoing, exchange, start, step
+from mannbv.consensus.cadmm import CADMM, PRIMALS, Agreement, Numbers, Outgoing, exchange, start, step
 from mannbv.consensus.objectives import best_yaws, grid, interpolate, quantise, restore, scale_of, tabulate, value
 from mannbv.consensus.solvers import SOLVERS, Round, Settings, register, solve
 from mannbv.consensus.twists import TwistRound, solve_twists
@@ -10,6 +10,7 @@ __all__ = [
     "PRIMALS",
     "SOLVERS",
     "Agreement",
+    "Numbers",
     "Outgoing",
     "Round",
     "Settings",

@@ -30,8 +30,8 @@ from pathlib import Path
 from subprocess import DEVNULL
 
 import nbformat.v4 as notebook
-from jupyter_client import AsyncKernelManager
 from jupyter_client.kernelspec import KernelSpecManager
+from jupyter_client.manager import AsyncKernelManager
 from nbclient import NotebookClient
 from nbclient.exceptions import CellTimeoutError, DeadKernelError
 from tqdm import tqdm
@@ -122,7 +122,7 @@ def grade(
 def grade_copy(path: Path, known: Sequence[Lesson], course: Path, limit: float, before: list[dict]) -> list[dict]:
     """The rows of one copy, one an exercise; `before` itself if it still holds."""
 
-    def row(lesson="", exercise="", passed="", says="", seconds="", raised="", digest="") -> dict:
+    def row(lesson="", exercise="", passed: bool | str = "", says="", seconds="", raised="", digest="") -> dict:
         values = (path.as_posix(), lesson, exercise, passed, says, seconds, raised, digest)
         return dict(zip(COLUMNS, map(_plain, values), strict=True))
 

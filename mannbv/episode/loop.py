@@ -21,12 +21,12 @@ PRIORS = ("recompute", "incremental")
 
 
 def run(
-    scene,
+    scene: world.World | str | Path,
     strategy: str,
     config: Config | None = None,
     seed: int = 0,
     n_robots: int = 5,
-    path=None,
+    path: str | Path | None = None,
     progress: Callable[[Record], None] | None = None,
 ) -> Record:
     """Run a team until every robot reached its goal, is stuck for good, or `max_cycles` are over; then score it.
@@ -71,7 +71,7 @@ def run(
     return record
 
 
-def draw_team(place, n_robots: int, seed: int, config: Config):
+def draw_team(place: world.World, n_robots: int, seed: int, config: Config) -> world.World:
     """The scene with `n_robots` of its start–goal pairs, drawn by the seed, and random first yaws (in whole turns).
 
     Seed 0 takes the first pairs. Raises ValueError where the team cannot start or a goal is out of reach.

@@ -46,7 +46,7 @@ class Record:
         """What every cycle reports of one robot."""
         return tuple(log.robots[robot] for log in self.cycles)
 
-    def save(self, path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write the record to `path` (.npz without pickle); the file is whole at any moment."""
         about = {
             "scene": self.scene, "strategy": self.strategy, "seed": self.seed, "n_robots": self.n_robots,
@@ -59,7 +59,7 @@ class Record:
         archive.write(path, arrays, compressed=self.finished)
 
 
-def load(path) -> Record:
+def load(path: str | Path) -> Record:
     """Read a record; nothing in the file is ever executed. Raises RecordError for anything else."""
     path = Path(path)
     if not path.is_file():

@@ -7,6 +7,7 @@ decoded message has been checked as well, and holds nothing of the sender's memo
 """
 
 from dataclasses import dataclass, field, fields
+from typing import no_type_check
 
 import numpy as np
 import torch
@@ -82,6 +83,7 @@ def _plain(message, name: str, splats: SplatMap, wire: Layout) -> SplatMap:
     return SplatMap(*tensors)
 
 
+@no_type_check  # for the checks of tests: lists may come in, and leave as arrays
 @dataclass(frozen=True, eq=False)
 class Message:
     """What every message says: where it came from first, and in which planning cycle."""
@@ -100,6 +102,7 @@ class Message:
         pass
 
 
+@no_type_check
 @dataclass(frozen=True, eq=False)
 class Plan(Message):
     """(T_i, P_i) of Algorithm 1, line 5: a robot's candidate view and its planned path."""
@@ -114,6 +117,7 @@ class Plan(Message):
             raise _fault(self, f"position must be (d,) and path (K ≥ 1, d) with d = 2 or 3; got {(d,)} and {path}")
 
 
+@no_type_check
 @dataclass(frozen=True, eq=False)
 class Suggestion(Message):
     """What robot `robot`'s map says of robot `target`'s view, Eq. (23): its best yaw and two gains."""
@@ -126,6 +130,7 @@ class Suggestion(Message):
     largest: float = field(metadata=_wire("<f8"), default=0.0)
 
 
+@no_type_check
 @dataclass(frozen=True, eq=False)
 class Copies(Message):
     """T^(i) of one C-ADMM round, Algorithm 1, line 11: offsets from the announced yaws."""
@@ -134,6 +139,7 @@ class Copies(Message):
     offsets: Float64[np.ndarray, " n"] = field(metadata=_wire("<f8", 1))  # (N,) [rad]
 
 
+@no_type_check
 @dataclass(frozen=True, eq=False)
 class Profile(Message):
     """f_ik over all yaws of robot `target`'s view, as `consensus.quantise` writes it."""
@@ -143,6 +149,7 @@ class Profile(Message):
     levels: UInt8[np.ndarray, " bins"] = field(metadata=_wire("|u1", 1))  # (bins,)
 
 
+@no_type_check
 @dataclass(frozen=True, eq=False)
 class Splats(Message):
     """A whole map or some of its splats, with their ids and their prior information; float32 on the wire.
@@ -170,6 +177,7 @@ class Splats(Message):
             raise _fault(self, f"{n} splats need as many ids and prior rows, got {len(self.ids)}, {len(self.prior)}")
 
 
+@no_type_check
 @dataclass(frozen=True, eq=False)
 class Grid(Message):
     """What a robot knows of the ground: states (nx, ny) of unknown −1, free 0, occupied 1, and where the cells lie.

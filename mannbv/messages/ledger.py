@@ -1,6 +1,6 @@
 """Counting bytes: an account of what was really serialised, the mailbox that keeps it, and the paper's formulas."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -12,12 +12,13 @@ from mannbv.messages.kinds import Message
 from mannbv.network import hops
 
 Letter = tuple[int | None, Message]  # to a robot, or to everybody
+Entry = tuple[int, int, int, str, int]  # sender, receiver, origin, kind, cycle
 
 SPLAT_BYTES = {2: 40, 3: 56}  # float32: 10 numbers in flatland, 14 in space
 GUEST_BYTES = 25_000  # the paper's size of one limited-sharing message
 
 
-def centralized_bytes(splat_counts, dim=3) -> int:
+def centralized_bytes(splat_counts: Iterable[int], dim: int = 3) -> int:
     """Bytes of one uplink of every robot's whole map, at 56 B a splat (40 B in flatland).
 
     The paper's Tables II and V print these in units of 2²⁰ B and call them MB.
@@ -25,7 +26,7 @@ def centralized_bytes(splat_counts, dim=3) -> int:
     return sum(int(n) for n in splat_counts) * SPLAT_BYTES[dim]
 
 
-def limited_sharing_bytes(n_robots) -> int:
+def limited_sharing_bytes(n_robots: int) -> int:
     """Bytes of one limited-sharing exchange: N(N−1) ordered pairs, 25 000 B each.
 
     The paper's Table VI prints these in units of 10⁶ B: 0.05, 0.5 and 1.05 MB for 2, 5 and 7 robots. For ten it prints
@@ -48,13 +49,13 @@ class Ledger:
     `rows` maps (sender, receiver, origin, kind, cycle) to [messages, bytes]; origin differs from sender in a relay.
     """
 
-    rows: dict[tuple, list] = field(default_factory=dict)
+    rows: dict[Entry, list[int]] = field(default_factory=dict)
 
     def copy(self) -> "Ledger":
         """An account of its own, with the same rows."""
         return Ledger({key: list(row) for key, row in self.rows.items()})
 
-    def sent(self, sender, receiver, kind: str, cycle, n_bytes, origin=None) -> None:
+    def sent(self, sender: int, receiver: int, kind: str, cycle: int, n_bytes: int, origin: int | None = None) -> None:
         """Enter one message of `n_bytes` = len(of the really serialised bytes)."""
         key = (int(sender), int(receiver), int(sender if origin is None else origin), kind, int(cycle))
         row = self.rows.setdefault(key, [0, 0])
@@ -84,10 +85,10 @@ class Ledger:
     def by_cycle(self) -> dict[int, int]:
         return self._sums(lambda key: key[4])
 
-    def sent_by(self, robot) -> int:
+    def sent_by(self, robot: int) -> int:
         return self._sums(lambda key: key[0]).get(robot, 0)
 
-    def received_by(self, robot) -> int:
+    def received_by(self, robot: int) -> int:
         return self._sums(lambda key: key[1]).get(robot, 0)
 
     def paper_total(self, strategy: str) -> int:
@@ -127,7 +128,13 @@ class Mailbox:
     bytes have been sent all the same.
     """
 
-    def __init__(self, codec: str = "json", ledger: Ledger | None = None, network: nx.Graph | None = None, lost=None):
+    def __init__(
+        self,
+        codec: str = "json",
+        ledger: Ledger | None = None,
+        network: nx.Graph | None = None,
+        lost: Callable[[int, int, Message], bool] | None = None,
+    ):
         if codec not in CODECS:
             raise ValueError(f"messages: no codec is called '{codec}'; choose one of {', '.join(CODECS)}")
         self.codec, self.network, self.lost = codec, network, lost
@@ -135,7 +142,7 @@ class Mailbox:
         self._boxes: dict[int, list[tuple[int, Message]]] = {}
         self._written: tuple[Message, bytes] | None = None
 
-    def send(self, sender, receiver, message: Message, cycle=None) -> int:
+    def send(self, sender: int, receiver: int, message: Message, cycle: int | None = None) -> int:
         """Write, count and deliver a message; returns its bytes. `cycle` is the message's own by default.
 
         Raises ValueError where the two robots are not linked, or are the same.
@@ -155,7 +162,7 @@ class Mailbox:
             self._written = message, encode(message, self.codec)
         return len(self._written[1]), decode(self._written[1])
 
-    def relay(self, way, message: Message, cycle=None) -> None:
+    def relay(self, way: Sequence[int], message: Message, cycle: int | None = None) -> None:
         """Send a message along `way`, robots from the first sender to the receiver; those between only pass it on."""
         for sender, receiver in pairwise(way):
             waiting = len(self._boxes.get(receiver, []))
@@ -165,7 +172,7 @@ class Mailbox:
             if receiver != way[-1]:
                 message = self._boxes[receiver].pop()[1]
 
-    def collect(self, receiver, kind: type = Message) -> list[tuple[int, Message]]:
+    def collect(self, receiver: int, kind: type = Message) -> list[tuple[int, Message]]:
         """Takes out what arrived for `receiver`, as (sender, message) in order; of one kind only, if asked."""
         box = self._boxes.get(receiver, [])
         self._boxes[receiver] = [item for item in box if not isinstance(item[1], kind)]

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 
 from mannbv import geometry, grid, messages, planner, render, risk
 from mannbv.belief import Belief
@@ -18,7 +19,9 @@ _SPACING = 1.0  # [m] between the places along a trajectory where the map is com
 _PATH_SCORES = ("total_risk_m", "total_risk_true_m", "risk_gain_m", "risk_gain_true_m", "reference_clearance_m")
 
 
-def view_quality(splat_map: SplatMap, world: World, camera: Camera, trail: np.ndarray, config: Config):
+def view_quality(
+    splat_map: SplatMap, world: World, camera: Camera, trail: np.ndarray, config: Config
+) -> tuple[float, float]:
     """(PSNR [dB], depth MAE [m]) of the map against the world, from places a metre apart on a trajectory (k, d).
 
     `HEADINGS` headings at each place, the paper's "different viewing angles". PSNR is that of the mean squared error
@@ -50,11 +53,11 @@ def reference_path(belief: Belief, start: np.ndarray, goal: np.ndarray, config: 
 
     None where the map knows none, or no open cell within `reach` and the planner's margins of either end.
     """
-    cells = planner.traversable(belief.ground, config)
+    lattice, cells = belief.known.lattice, planner.traversable(belief.known, config)
     if not cells.any():
         return None
-    price = planner.prices(belief.splats, belief.ground.lattice, cells, start[2:], config)
-    path = planner.safe_path(price, belief.ground.lattice, start, goal)
+    price = planner.prices(belief.splats, lattice, cells, start[2:], config)
+    path = planner.safe_path(price, lattice, start, goal)
     if path is None:
         return None
     near = config.reach + config.robot_radius + config.margin
@@ -62,7 +65,15 @@ def reference_path(belief: Belief, start: np.ndarray, goal: np.ndarray, config: 
     return path if (gaps <= near).all() else None
 
 
-def path_scores(belief: Belief, world: World, surfaces: SplatMap, start, goal, shortest: np.ndarray, config: Config):
+def path_scores(
+    belief: Belief,
+    world: World,
+    surfaces: SplatMap,
+    start: ArrayLike,
+    goal: ArrayLike,
+    shortest: np.ndarray,
+    config: Config,
+) -> dict[str, float]:
     """Risk of the reference path and its gain over the shortest feasible path, on the own map and the true surfaces.
 
     Returns total_risk_m, total_risk_true_m, risk_gain_m, risk_gain_true_m, and reference_clearance_m, the least true
@@ -80,7 +91,9 @@ def path_scores(belief: Belief, world: World, surfaces: SplatMap, start, goal, s
     return dict(zip(_PATH_SCORES, (own, true, *gains, float(world.ground.clearance(path).min())), strict=True))
 
 
-def travel_scores(world: World, trail: np.ndarray, goal, shortest: np.ndarray, reached: bool, collisions: int):
+def travel_scores(
+    world: World, trail: np.ndarray, goal: ArrayLike, shortest: np.ndarray, reached: bool, collisions: int
+) -> dict[str, float]:
     """Length, overhead, clearance and SPL of an executed trajectory (k, d) [m].
 
     shortest (j, d): the shortest feasible path on the true plan. path_overhead counts the rest of the way to the goal,

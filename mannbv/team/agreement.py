@@ -11,9 +11,9 @@ from mannbv.team.robots import Choice, Mission, Robot
 from mannbv.team.strategies import Evaluate, best_yaw, solver_of
 
 # the solvers whose messages are really sent round by round
-_ROUNDS = {
-    "cadmm": {}, "cadmm-gradient": {"primal": "gradient"}, "cadmm-stochastic": {"primal": "stochastic"},
-    "cadmm-literal": {"circle": False},
+_ROUNDS = {  # primal, circle
+    "cadmm": ("exact", True), "cadmm-gradient": ("gradient", True), "cadmm-stochastic": ("stochastic", True),
+    "cadmm-literal": ("exact", False),
 }  # fmt: skip
 
 
@@ -28,7 +28,7 @@ def suggest(robot: Robot, mission: Mission) -> Iterable[Letter]:
     With it goes this robot's largest gain: the largest of all scales the team's objectives. Where the solver needs that
     scale, it also goes to those of whose view this robot's map says nothing, with a gain of 0.
     """
-    gains, to_all = robot.choice.gains, solver_of(mission) in _ROUNDS
+    gains, to_all = robot.deciding.gains, solver_of(mission) in _ROUNDS
     for k, row in enumerate(gains):
         if k != robot.index and (to_all or row.max() > 0):
             told = consensus.interpolate(row, [robot.plans[k].yaw])[0] if k in robot.plans else 0.0
@@ -38,13 +38,13 @@ def suggest(robot: Robot, mission: Mission) -> Iterable[Letter]:
 
 def send_copies(robot: Robot, mission: Mission) -> Iterable[Letter]:
     """T^(i) to the neighbours (Algorithm 1, line 11)."""
-    for sent in robot.choice.agreement.outbox:
+    for sent in robot.deciding.state.outbox:
         yield sent.receiver, messages.Copies(robot.index, robot.cycle, sent.round, sent.offsets)
 
 
 def send_profiles(robot: Robot, mission: Mission) -> Iterable[Letter]:
     """f_ik over all yaws, quantised, to every robot k."""
-    for k, row in enumerate(robot.choice.gains):
+    for k, row in enumerate(robot.deciding.gains):
         if k != robot.index:
             levels, height = consensus.quantise(row)
             yield k, messages.Profile(robot.index, robot.cycle, k, height, levels)
@@ -52,7 +52,7 @@ def send_profiles(robot: Robot, mission: Mission) -> Iterable[Letter]:
 
 def start(robot: Robot, mission: Mission, solver: consensus.CADMM) -> Robot:
     """Before the first round of C-ADMM: its own copies and the first primal update (27)."""
-    choice, neighbours = robot.choice, network.neighbours(mission.network, robot.index)
+    choice, neighbours = robot.deciding, network.neighbours(mission.network, robot.index)
     announced = np.array([robot.plans[k].yaw if k in robot.plans else 0.0 for k in range(len(mission.network))])
     announced[robot.index] = robot.announced
     state = solver.start(robot.index, neighbours, announced, choice.gains, scale=choice.scale)
@@ -61,14 +61,14 @@ def start(robot: Robot, mission: Mission, solver: consensus.CADMM) -> Robot:
 
 def step(robot: Robot, solver: consensus.CADMM) -> Robot:
     """z (28), dual (29) and the next primal update from the copies that came in this round."""
-    choice = robot.choice
-    state = solver.step(choice.agreement, choice.copies)
+    choice = robot.deciding
+    state = solver.step(choice.state, choice.copies)
     return robot.replace(choice=choice.replace(agreement=state, copies={}, yaw=state.yaw))
 
 
 def take_best(robot: Robot) -> Robot:
     """The yaw with the largest sum of its own gain and the profiles that came."""
-    choice, row = robot.choice, robot.choice.gains[robot.index].copy()
+    choice, row = robot.deciding, robot.deciding.gains[robot.index].copy()
     for said in choice.profiles:
         row += consensus.restore(said.levels, said.height, len(row))
     yaw = consensus.best_yaws(row[None], [robot.announced])[0]
@@ -87,21 +87,25 @@ def agree(
     end when every robot's residuals are below the tolerance.
     """
     config, residuals, solver = mission.config, [], solver or solver_of(mission)
+    numbers = consensus.Numbers(
+        penalty=config.penalty, growth=config.penalty_growth, steps=config.primal_steps, rate=config.primal_rate
+    )
     if solver in _ROUNDS:
-        drawn = {"seed": (mission.seed, robots[0].cycle)}  # so that a resumed run draws the same numbers
-        pace = {"steps": config.primal_steps, "rate": config.primal_rate}
-        rule = consensus.CADMM(config.penalty, config.penalty_growth, **_ROUNDS[solver], **pace, **drawn)
+        primal, circle = _ROUNDS[solver]
+        seed = mission.seed, robots[0].cycle  # so that a resumed run draws the same numbers
+        rule = consensus.CADMM(primal=primal, circle=circle, seed=seed, **numbers)
         robots = each(robots, start, mission, rule)
         while len(residuals) < config.rounds and not (residuals and residuals[-1] < config.tolerance):
             robots = each(exchange(robots, send_copies, mission, mailbox), step, rule)
-            states = [robot.choice.agreement for robot in robots]
+            states = [robot.deciding.state for robot in robots]
             residuals.append(max(max(state.primal_residual, state.dual_residual) for state in states))
         return robots, residuals
     if solver == "profile":
         return each(exchange(robots, send_profiles, mission, mailbox), take_best), residuals
-    gains, announced = np.stack([r.choice.gains for r in robots]), [r.announced for r in robots]
-    settings = {"penalty": config.penalty, "growth": config.penalty_growth, "scale": consensus.scale_of(gains)}
-    settings |= {"rounds": config.rounds, "tolerance": config.tolerance}
-    settings |= {"steps": config.primal_steps, "rate": config.primal_rate}
-    yaws = consensus.solve(gains, mission.network, announced, solver, **settings)[-1].yaws
-    return [r.replace(choice=r.choice.replace(yaw=float(yaw))) for r, yaw in zip(robots, yaws, strict=True)], residuals
+    gains, announced = np.stack([r.deciding.gains for r in robots]), [r.announced for r in robots]
+    trace = consensus.solve(
+        gains, mission.network, announced, solver, rounds=config.rounds, tolerance=config.tolerance,
+        scale=consensus.scale_of(gains), **numbers,
+    )  # fmt: skip
+    taken = zip(robots, trace[-1].yaws, strict=True)
+    return [robot.replace(choice=robot.deciding.replace(yaw=float(yaw))) for robot, yaw in taken], residuals

@@ -39,13 +39,13 @@ def cycle(robots: list[Robot], mission: Mission, mailbox: Mailbox, number: int) 
     clock.mark("agree")
     moved = each(robots, move, mission)  # line 20
     clock.mark("move")
-    gains = np.stack([robot.choice.gains for robot in robots])
+    gains = np.stack([robot.deciding.gains for robot in robots])
     return moved, CycleLog(
         cycle=number,
         robots=tuple(map(_describe, robots, forecasts)),
         suggestions=_suggested(robots),
         residuals=tuple(residuals),
-        team_gain=objective.team(gains, np.array([robot.choice.yaw for robot in robots])),
+        team_gain=objective.team(gains, np.array([robot.deciding.yaw for robot in robots])),
         best_gain=objective.best(gains),
         own_gain=objective.team(gains, np.array([robot.announced for robot in robots])),
         seconds=Seconds(**clock.spent),
@@ -62,7 +62,7 @@ def _describe(robot: Robot, forecast: tuple) -> RobotLog:
         guests=robot.guests.splats.n_splats,
         view=None if view is None else tuple(view.position.tolist()),
         announced=robot.announced,
-        chosen=robot.choice.yaw,
+        chosen=robot.deciding.yaw,
         path=() if view is None else tuple(map(tuple, view.path.tolist())),
         subgoals=() if robot.route is None else tuple(map(tuple, robot.route.candidates.tolist())),
         risk=forecast[0],
@@ -71,7 +71,7 @@ def _describe(robot: Robot, forecast: tuple) -> RobotLog:
 
 
 def _suggested(robots: list[Robot]) -> tuple[SuggestionLog, ...]:
-    said = [note for robot in robots for note in robot.choice.suggestions if note.gain > 0]
+    said = [note for robot in robots for note in robot.deciding.suggestions if note.gain > 0]
     return tuple(sorted(SuggestionLog(note.robot, note.target, note.yaw, note.gain) for note in said))
 
 

@@ -33,7 +33,7 @@ def hear(robot: Robot, message: Message) -> Robot:
     raise ValueError(f"team: robot {robot.index} cannot use a {type(message).__name__} of robot {sender} now")
 
 
-def each(robots: list[Robot], stage: Callable, *arguments) -> list[Robot]:
+def each(robots: list[Robot], stage: Callable[..., Robot], *arguments: object) -> list[Robot]:
     """Every robot after a stage that it goes through alone: stage(robot, *arguments) → robot."""
     return [stage(robot, *arguments) for robot in robots]
 

@@ -1,6 +1,7 @@
 """What a robot has, and what stays the same through an episode."""
 
 import dataclasses
+import math
 import typing
 from dataclasses import dataclass, field
 
@@ -99,10 +100,17 @@ class Choice:
     profiles: tuple[messages.Profile, ...] = ()
     agreement: consensus.Agreement | None = None
     copies: dict[int, np.ndarray] = field(default_factory=dict)
-    yaw: float | None = None
+    yaw: float = math.nan
 
-    def replace(self, **changes) -> "Choice":
+    def replace(self, **changes: object) -> "Choice":
         return dataclasses.replace(self, **changes)
+
+    @property
+    def state(self) -> consensus.Agreement:
+        """Its part in C-ADMM. Raises ValueError before the rounds have begun."""
+        if self.agreement is None:
+            raise ValueError("team: the rounds of C-ADMM have not begun")
+        return self.agreement
 
     @property
     def scale(self) -> float:
@@ -140,8 +148,15 @@ class Robot:
     cycle: int = 0
     choice: Choice | None = None
 
-    def replace(self, **changes) -> "Robot":
+    def replace(self, **changes: object) -> "Robot":
         return dataclasses.replace(self, **changes)
+
+    @property
+    def deciding(self) -> Choice:
+        """Its choice. Raises ValueError before it has evaluated, and after its move."""
+        if self.choice is None:
+            raise ValueError(f"team: robot {self.index} has evaluated nothing yet in this cycle")
+        return self.choice
 
     @property
     def announced(self) -> float:

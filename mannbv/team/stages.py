@@ -96,12 +96,13 @@ def move(robot: Robot, mission: Mission, yaw: float | None = None) -> Robot:
     """
     config, rng = mission.config, mission.rng(robot.cycle, 1000 + robot.index)
     if yaw is None:
-        yaw = robot.choice.yaw
+        yaw = robot.deciding.yaw
     if robot.status == "reached":
         return robot.replace(choice=None)
     arrived = False
-    if robot.route is not None:
-        path = robot.route.ahead(config.stride)
+    route = robot.route
+    if route is not None:
+        path = route.ahead(config.stride)
         for spot, heading in world.follow(robot.position, robot.yaw, path, config.step, config.turn):
             position = np.concatenate([spot, robot.position[2:]])
             if np.array_equal(position, robot.position):
@@ -115,8 +116,8 @@ def move(robot: Robot, mission: Mission, yaw: float | None = None) -> Robot:
                     collisions=robot.collisions + int(clear < config.robot_radius),
                 )  # fmt: skip
             robot, arrived = look(robot, mission, rng), True
-        if robot.route.look is not None and len(path) == len(robot.route.waypoints):
-            away = robot.route.look - robot.position
+        if route.look is not None and len(path) == len(route.waypoints):
+            away = route.look - robot.position
             robot = _turn(robot, math.atan2(away[1], away[0]), mission, rng)
             robot, arrived = robot.replace(tried=(*robot.tried, path[-1][:2])), True
     kept = (take(robot, mission.camera, mission, rng),) if arrived else ()

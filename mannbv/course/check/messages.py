@@ -100,6 +100,7 @@ def pack(pack: Callable, unpack: Callable) -> SimpleNamespace:
     sets = [np.linspace(-np.pi, np.pi, 4001)[:-1], np.array([0.0]), np.array([-np.pi, np.nextafter(np.pi, 0)])]
     packed = [ask(pack, yaws.copy()) for yaws in sets]
     seen = SimpleNamespace(bytes=all(isinstance(data, bytes) for data in packed), short=False, whole=False)
+    back: list[np.ndarray] = []
     if seen.bytes:
         seen.short = all(len(data) <= 2 * len(yaws) for data, yaws in zip(packed, sets, strict=True))
         back = [plain(ask(unpack, data)) for data in packed]

@@ -94,8 +94,9 @@ def _runs(n: int) -> tuple:
 @exercise(cases=[_runs(5), _runs(12)])
 def paired(a, b):
     """my_paired(a (n,), b (n,)) → (mean, half width of the 95 % interval) of the differences a − b."""
-    mean, (low, high) = study.interval(a - b)
-    n, half, root, std = len(a), (high - low) / 2, math.sqrt(len(a)), np.std(a - b, ddof=1)
+    mean, ends = study.interval(a - b)
+    assert ends is not None  # of several runs
+    n, half, root, std = len(a), (ends[1] - ends[0]) / 2, math.sqrt(len(a)), np.std(a - b, ddof=1)
     return {
         AGREES: (mean, half),
         "the sign: a minus b": (-mean, half),
@@ -137,7 +138,7 @@ def policy(mine: Callable) -> SimpleNamespace:
     camera = Camera.of_dim(2, config.image_width, config.image_height, config.fov)
     mission = team.Mission(flat, camera, config, network.build("complete", 1), "single", seed=0)
     robot = team.start(0, flat.starts[0, :2], float(flat.starts[0, 2]), flat.goals[0], mission)
-    seen = SimpleNamespace(wanted=(1, config.n_yaws))
+    seen, number = SimpleNamespace(wanted=(1, config.n_yaws)), 0
     for number in range(config.max_cycles):
         robot = team.plan(team.observe(robot, mission, number), mission)
         seen.gains = plain(ask(mine, robot, mission))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from types import SimpleNamespace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -16,7 +17,7 @@ _SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1))
 _CORNERS = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 
 
-def _beside(marked: np.ndarray, moves=_SIDES, edge: str = "constant") -> np.ndarray:
+def _beside(marked: np.ndarray, moves=_SIDES, edge: Literal["constant", "edge", "wrap"] = "constant") -> np.ndarray:
     around = np.pad(marked, 1, mode=edge)
     nx, ny = marked.shape
     return np.any([around[1 + dx : 1 + dx + nx, 1 + dy : 1 + dy + ny] for dx, dy in moves], axis=0)
@@ -126,6 +127,7 @@ def _hall(rule: Callable) -> tuple[float, float]:
     prices = _asked(rule, alpha).reshape(lattice.shape)
     prices[alpha.reshape(lattice.shape) < 0.05] = np.inf
     way = planner.safe_path(prices, lattice, np.array([0.55, 1.2]), np.array([5.45, 1.2]))
+    assert way is not None  # past the end of the wall
     return float(planner.lengths(way)[-1]), risk.total(wall, torch.from_numpy(way), config.level)
 
 

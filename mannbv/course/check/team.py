@@ -1,7 +1,7 @@
 """Exercises of notebook 12: messages in a round, the bytes of an ideal exchange, a strategy for weak radios."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from types import SimpleNamespace
 
 import networkx as nx
@@ -73,12 +73,12 @@ def exchange():
     }
 
 
-_LINKS = nx.Graph([(0, 1), (1, 2), (2, 3), (1, 4)])  # robot 4 is at its goal
+_LINKS: nx.Graph = nx.Graph([(0, 1), (1, 2), (2, 3), (1, 4)])  # robot 4 is at its goal
 _PAIRS = {(i, j) for i in range(4) for j in range(5) if i != j}
 _WANTED = {(i, j) for i, j in _PAIRS if _LINKS.has_edge(i, j)}
 
 
-def _among(pairs: set[tuple[int, int | None]], times: int = 1) -> Callable:
+def _among(pairs: Collection[tuple[int, int]], times: int = 1) -> Callable:
     """A phase in which the plans of these senders go to these receivers."""
     return lambda robot, mission: times * [(j, robot.plans[i]) for i, j in sorted(pairs) if i == robot.index]
 

@@ -19,20 +19,18 @@ class Fault(Exception):
     """What is wrong with an answer, in the words that its author reads."""
 
 
-class _Printed:
-    """A record that a reader calls with an answer: it prints what is said of it, and returns whether it is done."""
-
-    def __call__(self, *mine: Callable) -> bool:
-        try:
-            said, done = self.said(*mine)
-        except Fault as fault:
-            said, done = str(fault), False
-        print(said)
-        return done
+def _printed(asked: "Exercise | Judged", *mine: Callable) -> bool:
+    """What a reader calls with an answer: it prints what is said of it, and returns whether it is done."""
+    try:
+        said, done = asked.said(*mine)
+    except Fault as fault:
+        said, done = str(fault), False
+    print(said)
+    return done
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Exercise(_Printed):
+class Exercise:
     """An exercise with one right answer.
 
     table: a function of a case that gives what is said of which value: under AGREES, first, the right one, which is
@@ -42,12 +40,13 @@ class Exercise(_Printed):
     large" or "too small". screen: looks at the answer itself first, and may raise Fault.
     """
 
-    table: Callable[..., dict[str, Any]]
+    table: Callable[..., dict[str, object]]
     cases: Sequence[tuple] | Callable[[], Sequence[tuple]]
     rtol: float = 1e-4
     read: Callable = lambda answer: answer
     gap: Callable | None = None
     screen: Callable | None = None
+    __call__ = _printed
 
     def drawn(self) -> Sequence[tuple]:
         """The cases to try."""
@@ -104,11 +103,11 @@ class Mistake(NamedTuple):
 
     answer: Callable | tuple[Callable, ...]
     hint: str
-    seen: Callable[[Any], bool] | None = None
+    seen: Callable[..., bool] | None = None
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Judged(_Printed):
+class Judged:
     """An exercise with many right answers, one of which is `truth`; an answer may be two functions.
 
     judge: a function of the answer that returns what it saw, and raises Fault where there is nothing to see. mistakes:
@@ -119,6 +118,7 @@ class Judged(_Printed):
     truth: Callable | tuple[Callable, ...]
     mistakes: Sequence[Mistake]
     praise: str = AGREES
+    __call__ = _printed
 
     def said(self, *mine: Callable) -> tuple[str, bool]:
         """What an answer hears, and whether it is a good one. Raises Fault where there is nothing to judge."""

@@ -86,7 +86,14 @@ def text(at: ArrayLike, words: str, color: str = INK, align: str = "center") -> 
     return {"kind": "text", "at": _pair(at), "text": words, "color": color, "align": align}
 
 
-def view(position: ArrayLike, yaw: float, fov: float = math.pi / 2, length: float = 1.0, color: str = INK, strength: float = 0.2) -> dict:
+def view(
+    position: ArrayLike,
+    yaw: float,
+    fov: float = math.pi / 2,
+    length: float = 1.0,
+    color: str = INK,
+    strength: float = 0.2,
+) -> dict:
     """A camera at `position` [m] looking along `yaw` [rad], its field of view `length` [m] deep."""
     angle = yaw + np.linspace(-fov / 2, fov / 2, 25)
     position = np.asarray(position, float)[:2]

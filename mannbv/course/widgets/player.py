@@ -128,7 +128,7 @@ def _layer(playback: Playback, cycle: int, robot: int, layer: str) -> list[dict]
         return [items.ground(playback.ground(cycle, robot))]
     if layer == "its splats":
         return [items.splats(playback.belief(cycle, robot).splats)]
-    return [items.cells(playback.field(cycle, robot), playback.belief(cycle, robot).ground.lattice, *_scale(playback))]
+    return [items.cells(playback.field(cycle, robot), playback.belief(cycle, robot).known.lattice, *_scale(playback))]
 
 
 def chart_panel(

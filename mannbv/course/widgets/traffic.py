@@ -19,7 +19,7 @@ _UNITS = {0: "B", 3: "kB", 6: "MB", 9: "GB"}
 class _Scales(wire.Mailbox):
     """A mailbox that knows what each kind of message weighs [B]: what crosses here is made up, its size is not."""
 
-    def __init__(self, graph: nx.Graph, sizes: dict[type, Callable[[wire.Message], int]]):
+    def __init__(self, graph: nx.Graph, sizes: dict[type, Callable[..., int]]):
         super().__init__(network=graph)
         self._sizes = sizes
 

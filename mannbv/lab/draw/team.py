@@ -244,7 +244,7 @@ def _row_name(made: Figure, name: str, top: float, height: float) -> None:
 
 def risk_panel(ax: Axes, robot: RobotSnapshot, low: float, high: float, near: Window) -> AxesImage:
     """The risk field over the ground that a robot knows, its path, and a frame around what the belief panel shows."""
-    lattice = robot.belief.ground.lattice
+    lattice = robot.belief.known.lattice
     image = parts.risk(ax, robot.risk, lattice, low, high)
     parts.path(ax, robot.path.reshape(-1, len(robot.position)), "white", linewidth=1.4)
     corner = float(near.lower[0]), float(near.lower[1])
@@ -262,7 +262,7 @@ def belief(ax: Axes, robot: RobotSnapshot, config: Config) -> None:
     In 3-D, from above: the splats that its body could meet.
     """
     color = robot_color(robot.index)
-    parts.ground(ax, robot.belief.ground)
+    parts.ground(ax, robot.belief.known)
     shown = risk.in_reach(robot.belief.splats, robot.position[2:], config)
     chosen = torch.zeros_like(shown)
     if robot.zone is not None:

@@ -214,7 +214,7 @@ class _Replay:
     def of(record: Record, number: int, flat_world: World, flat_config: Config) -> "_Replay":
         robot = record.robots[number]
         return _Replay(
-            record.logs(number), list(robot.local.keyframes), robot.belief().ground, [record.seed, number],
+            record.logs(number), list(robot.local.keyframes), robot.belief().known, [record.seed, number],
             flat_world,
             _Mapper(robot.local.splats.dim, record.config),
             _Mapper(flat_world.dim, flat_config.replace(n_yaws=record.config.n_yaws)),

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 
 from mannbv import grid, objective, planner, risk
 from mannbv.belief import Belief
@@ -83,9 +84,9 @@ def _robot_snapshot(robot: Robot, log: CycleLog, config: Config) -> RobotSnapsho
     )
 
 
-def ground_risk(belief: Belief, config: Config, rest=()) -> np.ndarray:
+def ground_risk(belief: Belief, config: Config, rest: ArrayLike = ()) -> np.ndarray:
     """α (nx, ny) [m] of the known free cells, Eq. (9), nan elsewhere; rest: the coordinates above the ground."""
-    occupancy = belief.ground
+    occupancy = belief.known
     free = occupancy.state == grid.FREE
     points = planner.raised(occupancy.lattice.centers(np.argwhere(free)), rest)
     alpha = np.full(free.shape, np.nan)

@@ -83,7 +83,7 @@ def _mask(ax: Axes, robot: RobotSnapshot, record: Record, aspect: float) -> Scal
     assert zone is not None  # it is under way
     window = _around(robot.path[:, :2], aspect, 0.2 + float(zone.radii.max()))
     scale = ScalarMappable(Normalize(0.0, config.gamma1), mpl.colormaps["viridis"])
-    parts.ground(ax, robot.belief.ground)
+    parts.ground(ax, robot.belief.known)
     parts.zone(ax, robot.path, zone.radii, robot_color(robot.index))
     shown = risk.in_reach(splat_map, robot.position[2:], config)
     others = page.painted(splat_map.select(~zone.selected), PALE)

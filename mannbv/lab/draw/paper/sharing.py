@@ -53,7 +53,7 @@ def sharing_figure(central: Record, limited: Record) -> Figure:
 def _held(ax: Axes, record: Record, k: int, whole: Window) -> None:
     """All splats that a robot holds."""
     robot, config = record.robots[k], record.config
-    parts.ground(ax, robot.belief(config).ground)
+    parts.ground(ax, robot.belief(config).known)
     held = [page.painted(robot.local.splats, PALE)]
     for sender in robot.guests.senders.unique().tolist():
         held.append(page.painted(robot.guests.splats.select(robot.guests.senders == sender), robot_color(sender)))
