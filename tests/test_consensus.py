@@ -515,7 +515,7 @@ def test_messages_lost_one_way_leave_an_agreement_a_little_off_the_optimum():
     np.testing.assert_array_equal(again.yaws, lossy.yaws)
 
 
-def test_a_users_own_solver_runs_by_name():
+def test_a_users_own_solver_runs_by_name(unchecked):
     def north(objectives, network, yaws, settings):
         assert objectives.max() == 1.0
         assert settings.rounds == 3
@@ -570,7 +570,7 @@ PAIR = nx.path_graph(2)
         ((np.zeros((2, 2, 8)), PAIR, [0.0, 0.0], "profile"), {"bits": 9}, "1 to 8 bits"),
     ],
 )
-def test_bad_input_is_named_in_one_line(args, settings, words):
+def test_bad_input_is_named_in_one_line(args, settings, words, unchecked):
     with pytest.raises(ValueError, match=words) as error:
         consensus.solve(*args, **settings)
     assert "\n" not in str(error.value)
