@@ -3,6 +3,7 @@
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from mannbv import grid
@@ -13,12 +14,12 @@ _DEFAULT = Config()
 
 
 def radius(
-    risk,
+    risk: ArrayLike,
     r_min: float = _DEFAULT.r_min,
     beta1: float = _DEFAULT.beta1,
     beta2: float = _DEFAULT.beta2,
     r_max: float = _DEFAULT.r_max,
-):
+) -> Tensor:
     """r_mask = r_min + β₁ exp(−β₂ α) [m], Eq. (10), at most r_max: a safer waypoint gets a smaller mask.
 
     risk: α of the waypoints [m], number or tensor; +inf (an empty map) gives r_min. r_max: 0 for none, as in the paper.
@@ -31,31 +32,31 @@ def radius(
     return (r_min + beta1 * torch.exp(-beta2 * torch.as_tensor(risk))).clamp(max=r_max or np.inf)
 
 
-def _waypoints(splat_map: SplatMap, path) -> Float[Tensor, "k d"]:
-    path = torch.as_tensor(path)
-    path = path if len(path) else torch.zeros(0, splat_map.dim)
-    if path.ndim != 2 or path.shape[1] != splat_map.dim:
-        raise ValueError(f"mask: the path must be (k, {splat_map.dim}) beside this map, got {tuple(path.shape)}")
-    return path
+def _waypoints(splat_map: SplatMap, path: ArrayLike) -> Float[Tensor, "k d"]:
+    points = torch.as_tensor(path)
+    points = points if len(points) else torch.zeros(0, splat_map.dim)
+    if points.ndim != 2 or points.shape[1] != splat_map.dim:
+        raise ValueError(f"mask: the path must be (k, {splat_map.dim}) beside this map, got {tuple(points.shape)}")
+    return points
 
 
-def zone(splat_map: SplatMap, path, radii) -> Bool[Tensor, " n"]:
+def zone(splat_map: SplatMap, path: ArrayLike, radii: ArrayLike) -> Bool[Tensor, " n"]:
     """Which splats' means lie in a ball B(p_k, r_k) around some waypoint, Eqs. (11), (12); path (k, d), radii (k,) [m].
 
     Raises ValueError if the two lengths differ, or for waypoints of another dimension.
     """
-    path, radii = _waypoints(splat_map, path), torch.as_tensor(radii)
-    if radii.shape != path.shape[:1]:
-        raise ValueError(f"mask: {len(path)} waypoints but {radii.numel()} radii; give each its own")
-    if not (len(path) and splat_map.n_splats):
+    points, reach = _waypoints(splat_map, path), torch.as_tensor(radii)
+    if reach.shape != points.shape[:1]:
+        raise ValueError(f"mask: {len(points)} waypoints but {reach.numel()} radii; give each its own")
+    if not (len(points) and splat_map.n_splats):
         return torch.zeros(splat_map.n_splats, dtype=torch.bool)
-    away = torch.linalg.norm(splat_map.means[:, None] - path.to(splat_map.means), dim=-1)
-    return (away <= radii.to(splat_map.means)).any(1)
+    away = torch.linalg.norm(splat_map.means[:, None] - points.to(splat_map.means), dim=-1)
+    return (away <= reach.to(splat_map.means)).any(1)
 
 
 def proximity(
     splat_map: SplatMap,
-    path,
+    path: ArrayLike,
     occupancy: grid.Occupancy | None = None,
     gamma1: float = _DEFAULT.gamma1,
     gamma2: float = _DEFAULT.gamma2,
@@ -67,16 +68,16 @@ def proximity(
     straight; a splat outside the grid is reached by way of the border cell next to it. Unknown and occupied cells
     block; a splat farther than `limit` [m] (0: none) or cut off gets weight 0. Without an occupancy: straight.
     """
-    path = _waypoints(splat_map, path)
+    points = _waypoints(splat_map, path)
     if not (gamma1 > 0 and gamma2 >= 0):
         raise ValueError(f"mask: needs γ₁ > 0 and γ₂ ≥ 0, got {gamma1}, {gamma2}")
-    if not (len(path) and splat_map.n_splats):
+    if not (len(points) and splat_map.n_splats):
         return torch.zeros(splat_map.n_splats).to(splat_map.means)
     if occupancy is None:
-        distance = torch.linalg.norm(splat_map.means[:, None] - path.to(splat_map.means), dim=-1).amin(1)
+        distance = torch.linalg.norm(splat_map.means[:, None] - points.to(splat_map.means), dim=-1).amin(1)
         return gamma1 * torch.exp(-gamma2 * distance)
     lattice, free, limit = occupancy.lattice, occupancy.state == grid.FREE, limit or np.inf
-    sources = lattice.index(path.detach().cpu().numpy())
+    sources = lattice.index(points.detach().cpu().numpy())
     along = grid.geodesic(np.where(free, 1.0, np.inf), sources[lattice.inside(sources)], limit / lattice.cell)
     means = splat_map.means.detach().cpu().double().numpy()
     there = lattice.index(means)

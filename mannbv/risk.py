@@ -6,11 +6,12 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
 from scipy.special import erfcx, ndtri
 from torch import Tensor
 
@@ -19,14 +20,15 @@ from mannbv.kernels import field as kernel
 from mannbv.splats import SplatMap
 
 _DEFAULT = Config()
+Amount = TypeVar("Amount", float, np.ndarray, Tensor)
 
 
-def _check(level) -> None:
+def _check(level: float) -> None:
     if not 0 < float(level) < 1:
         raise ValueError(f"risk: level must lie strictly between 0 and 1, got {level}")
 
 
-def value_at_risk(mean, std, level):
+def value_at_risk(mean: Amount, std: Amount | float, level: float) -> Amount:
     """The distance [m] that a Gaussian distance undercuts with probability `level`, Eq. (7).
 
         V@R = mean + std · √2 · ι,    ι = erf⁻¹(2·level − 1)
@@ -38,7 +40,7 @@ def value_at_risk(mean, std, level):
     return mean + std * float(ndtri(float(level)))
 
 
-def average_value_at_risk(mean, std, level):
+def average_value_at_risk(mean: Amount, std: Amount | float, level: float) -> Amount:
     """Mean of the worst `level` fraction of a Gaussian distance [m], Eqs. (6), (8).
 
         AV@R = mean − std · exp(−ι²) / (level · √(2π)),    ι = erf⁻¹(2·level − 1)
@@ -51,7 +53,7 @@ def average_value_at_risk(mean, std, level):
     return mean - std * (math.sqrt(2 / math.pi) / float(erfcx(-iota)))
 
 
-def sampled(samples, level) -> tuple[float, float]:
+def sampled(samples: ArrayLike, level: float) -> tuple[float, float]:
     """V@R and AV@R [m] of samples (k,) [m] of any distance: the worst `level` share, and its mean."""
     _check(level)
     ordered = np.sort(np.asarray(samples, float).ravel())
@@ -64,7 +66,7 @@ def sampled(samples, level) -> tuple[float, float]:
 class Measure(NamedTuple):
     """A risk measure (mean, std, level) → risk; `linear`: it is mean + std · c(level), which allows fast fields."""
 
-    function: Callable
+    function: Callable[..., Tensor]
     linear: bool
 
 
@@ -89,7 +91,7 @@ def register(name: str, function: Callable, linear: bool = False) -> None:
 
 def field(
     splat_map: SplatMap,
-    points,
+    points: ArrayLike,
     level: float = _DEFAULT.level,
     measure: str = "avar",
     spread: str = "largest",
@@ -107,24 +109,24 @@ def field(
         raise ValueError(f"risk: no measure '{measure}'; known: {', '.join(MEASURES)}")
     if spread not in ("largest", "along"):
         raise ValueError(f"risk: spread must be 'largest' or 'along', got '{spread}'")
-    points = torch.as_tensor(points)
-    if points.ndim != 2 or points.shape[1] != splat_map.dim:
-        raise ValueError(f"risk: points must be (k, {splat_map.dim}) beside this map, got {tuple(points.shape)}")
+    places = torch.as_tensor(points)
+    if places.ndim != 2 or places.shape[1] != splat_map.dim:
+        raise ValueError(f"risk: points must be (k, {splat_map.dim}) beside this map, got {tuple(places.shape)}")
     if posterior is not None and posterior.shape != splat_map.means.shape:
         shapes = f"{tuple(splat_map.means.shape)} beside this map, got {tuple(posterior.shape)}"
         raise ValueError(f"risk: posterior must be {shapes}")
-    if not (splat_map.n_splats and len(points)):
-        return torch.full((len(points),), math.inf).to(splat_map.means)
-    inputs = (points, splat_map.means, splat_map.log_scales, *(() if posterior is None else (posterior,)))
+    if not (splat_map.n_splats and len(places)):
+        return torch.full((len(places),), math.inf).to(splat_map.means)
+    inputs = (places, splat_map.means, splat_map.log_scales, *(() if posterior is None else (posterior,)))
     if not all(bool(torch.isfinite(t).all()) for t in inputs):
         raise ValueError("risk: splats, points and posterior must be finite")
     if posterior is not None and bool((posterior < 0).any()):
         raise ValueError(f"risk: a variance of a mean must not be negative, got {posterior.min():g}")
     rule = MEASURES[measure]
     if rule.linear and spread == "largest" and not any(t.requires_grad for t in inputs):
-        return _linear(splat_map, points, -float(rule.function(0.0, 1.0, level)), posterior)
+        return _linear(splat_map, places, -float(rule.function(0.0, 1.0, level)), posterior)
     rows = max(1, 2_000_000 // splat_map.n_splats)  # bounds the memory of a chunk
-    return torch.cat([_every_splat(splat_map, part, level, rule, spread, posterior) for part in points.split(rows)])
+    return torch.cat([_every_splat(splat_map, part, level, rule, spread, posterior) for part in places.split(rows)])
 
 
 def _every_splat(splat_map: SplatMap, points: Tensor, level, rule: Measure, spread: str, posterior) -> Tensor:
@@ -154,7 +156,7 @@ def _linear(splat_map: SplatMap, points: Tensor, factor: float, posterior: Tenso
     return torch.from_numpy(risk).to(splat_map.means)
 
 
-def in_reach(splat_map: SplatMap, height, config: Config) -> Bool[Tensor, " n"]:
+def in_reach(splat_map: SplatMap, height: ArrayLike, config: Config) -> Bool[Tensor, " n"]:
     """Which splats (n,) count for the risk of a robot whose camera is at `height` (d − 2,) [m], [] in flatland.
 
     Those opaque enough (`risk_opacity`) and, in 3-D, between `body_low` and `body_high` above the floor; without that
@@ -167,24 +169,28 @@ def in_reach(splat_map: SplatMap, height, config: Config) -> Bool[Tensor, " n"]:
 
 
 def along(
-    splat_map: SplatMap, points, config: Config, posterior: Float[Tensor, "n d"] | None = None, **options
+    splat_map: SplatMap,
+    points: ArrayLike,
+    config: Config,
+    posterior: Float[Tensor, "n d"] | None = None,
+    spread: str = "largest",
 ) -> Float[Tensor, " k"]:
     """α of a robot's waypoints (k, d) [m], all at the height of its camera, by the constants of `config`: `field` over
-    the splats `in_reach`; posterior and options: as there.
+    the splats `in_reach`; posterior and spread: as there.
 
     In 3-D a robot is as tall as it is: a splat beside its body is as far away as the two are horizontally. With
     `risk_from` "camera" the distance is the paper's ‖μ − p‖, slantwise from the camera to low things.
     """
-    points = torch.as_tensor(points)
-    if not len(points):
-        return field(splat_map, points, config.level, config.measure, **options)
-    near = in_reach(splat_map, points[0, 2:], config)
+    places = torch.as_tensor(points)
+    if not len(places):
+        return field(splat_map, places, config.level, config.measure, spread)
+    near = in_reach(splat_map, places[0, 2:], config)
     if not bool(near.all()):
         splat_map, posterior = splat_map.select(near), None if posterior is None else posterior[near]
     if config.risk_from == "body":
-        height = points[:1, 2:].to(splat_map.means).expand(splat_map.n_splats, -1)
+        height = places[:1, 2:].to(splat_map.means).expand(splat_map.n_splats, -1)
         splat_map = dataclasses.replace(splat_map, means=torch.cat([splat_map.means[:, :2], height], 1))
-    return field(splat_map, points, config.level, config.measure, posterior=posterior, **options)
+    return field(splat_map, places, config.level, config.measure, spread, posterior)
 
 
 def total(
