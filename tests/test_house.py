@@ -190,6 +190,66 @@ def test_the_checker_sees_a_question_for_the_dimension():
     assert dimension_questions("if a.dim != b.dim:\n    raise ValueError", ("objective",)) == []
 
 
+def untyped(source: str) -> list[str]:
+    """Public functions and methods with a parameter or a result that has no type, and records with a field of Any.
+
+    What a decorator makes a record of, as an exercise of its table, is no function any more.
+    """
+    found = []
+
+    def visit(body: list[ast.stmt], inside: str) -> None:
+        for node in body:
+            name = f"{inside}{getattr(node, 'name', '')}"
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                fields = [part for part in node.body if isinstance(part, ast.AnnAssign)]
+                found.extend(f"{name}.{part.target.id}" for part in fields if "Any" in words(part.annotation))
+                visit(node.body, f"{name}.")
+            if not isinstance(node, ast.FunctionDef) or (node.name.startswith("_") and node.name != "__init__"):
+                continue
+            makers = {word for decorator in node.decorator_list for word in words(decorator)}
+            everything = ast.walk(node.args)
+            given = [part for part in everything if isinstance(part, ast.arg) and part.arg not in ("self", "cls")]
+            whole = all(part.annotation for part in given) and (node.returns or node.name == "__init__")
+            if not whole and not makers & {"exercise", "judged"}:
+                found.append(name)
+
+    visit(ast.parse(source).body, "")
+    return found
+
+
+def words(node: ast.AST) -> set[str]:
+    """The names in an expression."""
+    return {getattr(part, "id", getattr(part, "attr", "")) for part in ast.walk(node)}
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_public_signatures_are_complete_and_no_record_holds_just_anything(path):
+    if name_of(path)[:1] != (BASEMENT,):  # numba takes a loop's types from the call
+        assert untyped(path.read_text(encoding="utf-8")) == []
+
+
+def test_the_checker_sees_what_has_no_type():
+    source = """
+class Record(NamedTuple):
+    number: int
+    thing: list[Any]
+
+    def half(self) -> int: ...
+    def twice(self, of, *more: int) -> int: ...
+
+class _Own:
+    def free(self, of): ...
+
+def done(a: int, /, *rest: int, b: int = 3, **more: int) -> None:
+    def inner(a): ...
+def no_result(a: int): ...
+def no_type(*rest) -> None: ...
+@exercise(cases=[])
+def table(a): ...
+"""
+    assert untyped(source) == ["Record.thing", "Record.twice", "no_result", "no_type"]
+
+
 def public(module):
     for name, thing in vars(module).items():
         own = getattr(thing, "__module__", None) == module.__name__
