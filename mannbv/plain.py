@@ -9,7 +9,7 @@ import math
 import types
 import typing
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from mannbv import archive
 
@@ -57,7 +57,7 @@ def _load(kind, value, what: str):
     if origin is tuple and parts[-1] is Ellipsis:
         return tuple(_load(parts[0], part, f"{what} {k}") for k, part in enumerate(_are(list, value, what)))
     if origin is tuple or hasattr(kind, "_fields"):  # as many as there are kinds, perhaps with names
-        named = dict(enumerate(parts)) if origin else _hints(kind)
+        named: dict = dict(enumerate(parts)) if origin else _hints(kind)
         if len(_are(list, value, what)) != len(named):
             raise ValueError(f"{what} must be a list of {len(parts) or ', '.join(named)}")
         values = (_load(part, each, f"{what} {name}") for (name, part), each in zip(named.items(), value, strict=True))

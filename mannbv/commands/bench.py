@@ -29,13 +29,14 @@ def run(arguments: Namespace) -> int:
         raise UsageError(f"bench: --out {out} must end in .json; the picture goes beside it as .png")
     from tqdm import tqdm
 
-    from mannbv.lab import bench, draw, study
+    from mannbv import archive
+    from mannbv.lab import bench, draw
 
     out.parent.mkdir(parents=True, exist_ok=True)
     kept = {}
 
     def keep(report: dict) -> None:
-        study.save(report, out)
+        archive.write_text(out, archive.to_json(report, indent=1) + "\n")
         kept.update(report)
 
     with tqdm(total=len(bench.STAGES), file=sys.stderr, disable=None, bar_format="{desc} |{bar}| {elapsed}") as bar:

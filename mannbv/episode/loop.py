@@ -120,7 +120,7 @@ def score(record: Record, mission: Mission) -> tuple[Row, ...]:
         row |= metrics.travel_scores(place, robot.trail, robot.goal, shortest, reached, robot.collisions)
         row |= metrics.path_scores(belief, place, surfaces, start, robot.goal, shortest, config)
         row |= {"psnr_db": psnr, "depth_mae_m": mae} | metrics.traffic(record.ledger, robot.index, record.strategy)
-        row["coverage"] = metrics.coverage(belief.ground, reachable, place.ground.lattice(config.cell))
+        row["coverage"] = metrics.coverage(belief.known, reachable, place.ground.lattice(config.cell))
         row["fate"] = "reached" if reached else why_not(robot, config)
         rows.append(row)
     seconds = spent + time.perf_counter() - began

@@ -81,7 +81,7 @@ def slope(t, g, z, y, r):
     }
 
 
-def hilly(rng, n_robots=4, n_yaws=72, narrow=4.0) -> np.ndarray:
+def hilly(rng: np.random.Generator, n_robots: int = 4, n_yaws: int = 72, narrow: float = 4.0) -> np.ndarray:
     """Made-up gains (N, N, M): three hills a view, lower in the maps of teammates, which know less of it."""
     known = np.where(np.eye(n_robots), 1.0, rng.uniform(0, 0.8, (n_robots, n_robots)))
     heights = known[..., None] * rng.exponential(size=(n_robots, n_robots, 3))

@@ -143,7 +143,7 @@ def _documented(record: Any, function: Callable) -> Any:
     return record
 
 
-def ask(mine: Callable, *case, place: str = ""):
+def ask(mine: Callable, *case: object, place: str = "") -> Any:
     """What an answer gives for a case. Raises Fault, with what to say, where it stops or returns nothing.
 
     place: names the case, as in "for std = 0.1"; without it, short inputs do.
@@ -165,7 +165,7 @@ def ask(mine: Callable, *case, place: str = ""):
     return answer
 
 
-def plain(answer) -> np.ndarray:
+def plain(answer: Any) -> np.ndarray:
     """Numbers as a float array. Raises Fault for anything else."""
     try:
         return np.asarray(answer.detach().numpy() if hasattr(answer, "detach") else answer, float)
@@ -173,7 +173,7 @@ def plain(answer) -> np.ndarray:
         raise Fault(f"a number or an array is wanted, got {type(answer).__name__}") from None
 
 
-def number(answer, what: str = "") -> float:
+def number(answer: Any, what: str = "") -> float:
     """One number. Raises Fault, with `what` it should be, for anything else."""
     try:
         return float(answer)

@@ -128,7 +128,7 @@ def _team_table(group: list[Results]) -> Table:
     rows = []
     for size in sizes:
         central, limited = logs.get((size, "centralized")), logs.get((size, "limited"))
-        splats = central.splats[step] if central else None
+        splats = central.splats[step] if central else ()
         prints = paper.TEAMS.get(size)
         rows.append((
             f"{size} robot{'s' * (size != 1)}",

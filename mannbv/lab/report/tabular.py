@@ -29,7 +29,9 @@ class Table:
     name: str = "table"
 
 
-def summary_table(results: Results, title: str, scores: list[Score], notes: tuple[str, ...], name="table") -> Table:
+def summary_table(
+    results: Results, title: str, scores: list[Score], notes: tuple[str, ...], name: str = "table"
+) -> Table:
     """A row a strategy, a column a score, from the summary; what is neither better nor worse has no interval."""
     measure, summary = results.constant("measure", "avar"), results.summary
     heads = (("", "", "strategy"), *(score.of(measure).head for score in scores))
@@ -157,14 +159,14 @@ _WRITERS = {".txt": lambda table: as_text(table) + "\n", ".tex": lambda table: a
 _WRITERS[".csv"] = table_csv
 
 
-def write(tables: Iterable[Table], folder) -> list[Path]:
+def write(tables: Iterable[Table], folder: str | Path) -> list[Path]:
     """Each table as .txt, .tex and .csv in a folder; returns the files. Tables of one name are numbered."""
-    folder, names, files = Path(folder), {}, []
+    place, names, files = Path(folder), {}, []
     for table in tables:
         names[table.name] = names.get(table.name, 0) + 1
         name = table.name if names[table.name] == 1 else f"{table.name}-{names[table.name]}"
         for suffix, writer in _WRITERS.items():
-            file = folder / (name + suffix)
+            file = place / (name + suffix)
             archive.write_text(file, writer(table))
             files.append(file)
     return files

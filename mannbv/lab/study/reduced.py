@@ -89,7 +89,7 @@ def _cells(several: Results | Iterable[Results]) -> dict[tuple, tuple[int, dict]
 
 def _agreement(table: Float[np.ndarray, "2 u s"], buildings: list, rng, draws: int) -> Agreement:
     """Of a score of u units and s strategies in both worlds, nan where a cell is missing."""
-    known = np.isfinite(table).all(0)
+    known = np.all(np.isfinite(table), axis=0)
     unit, _ = np.nonzero(known)
     a, b = table[:, known]
     ranked = ranks(a), ranks(b)
@@ -101,7 +101,7 @@ def _agreement(table: Float[np.ndarray, "2 u s"], buildings: list, rng, draws: i
         taus = np.array([_order(table[:, rows], each[rows]) for rows in groups])
         taus = taus[np.isfinite(taus)]
         return [
-            pearson(*(rank(weights) for rank in ranked), weights),
+            pearson(ranked[0](weights), ranked[1](weights), weights),
             pearson(a, b, weights),
             taus.mean() if len(taus) else np.nan,
         ]
@@ -190,9 +190,8 @@ class _Mapper:
 
     def gains(self, place, path, ground) -> np.ndarray | None:
         """Of all yaws at a place, within the mask of a path; None where the map has nothing there."""
-        noise = {"sigma_color": self.config.sigma_color, "sigma_depth": self.config.sigma_depth}
         poses = [frame.pose for frame in self.local.keyframes]
-        prior = information.prior(self.local.splats, self.camera, poses, **noise)
+        prior = information.prior(self.local.splats, self.camera, poses, **self.config.noise)
         belief = Belief(self.local.splats, prior, ground)
         profile = objective.served(belief, self.camera, place, path, self.config)
         return None if profile is None or not profile.gains.any() else profile.gains

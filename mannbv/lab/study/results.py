@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from mannbv import __version__, archive, episode, team
 from mannbv.config import Config
@@ -41,14 +41,18 @@ class Results(Plain):
     def constant(self, name: str, absent: _Value) -> _Value:
         """A constant of the config, or `absent` where the version that wrote this had none."""
         value, kind = self.config.get(name, absent), type(absent)
-        return kind(value) if isinstance(value, (kind, int)) else absent
+        if kind is float and isinstance(value, int):  # as JSON writes a whole one
+            return cast(_Value, float(value))
+        return value if isinstance(value, kind) else absent
 
     def of(self, strategy: str) -> list[Row]:
         """The rows of a strategy."""
         return [row for row in self.rows if row.strategy == strategy]
 
 
-def assemble(scene: str, dim: int, n_robots: int, config: Config, rows: Iterable[Row], episodes=()) -> Results:
+def assemble(
+    scene: str, dim: int, n_robots: int, config: Config, rows: Iterable[Row], episodes: Iterable[EpisodeLog] = ()
+) -> Results:
     """The content of `results.json`; rows are sorted by strategy, seed and robot, episodes (`episode_of`) likewise."""
     order = {name: k for k, name in enumerate(team.REGISTRY)}
 
@@ -69,12 +73,12 @@ def assemble(scene: str, dim: int, n_robots: int, config: Config, rows: Iterable
     )
 
 
-def save(results: Results, path) -> None:
+def save(results: Results, path: str | Path) -> None:
     """Write `results.json`; the file is whole at any moment, and holds no NaN."""
     archive.write_text(path, archive.to_json(results.to_json(), indent=1) + "\n")
 
 
-def load(path) -> Results:
+def load(path: str | Path) -> Results:
     """Read `results.json` of any version. Raises StudyError for anything else."""
     path = Path(path)
     try:
@@ -93,7 +97,7 @@ def load(path) -> Results:
     return results
 
 
-def gather(paths) -> tuple[list[Results], list[str]]:
+def gather(paths: Iterable[str | Path]) -> tuple[list[Results], list[str]]:
     """Results from any mix of `results.json`, run files (.npz) and folders of either; and a line for each run left out.
 
     What shares scene, team and constants becomes one. Raises StudyError where nothing finished is found.
@@ -122,7 +126,7 @@ def gather(paths) -> tuple[list[Results], list[str]]:
     return merged, left_out
 
 
-def run_files(paths) -> list[Path]:
+def run_files(paths: Iterable[str | Path]) -> list[Path]:
     """The run files (.npz) that stand behind what `gather` is given: themselves, or those beside a `results.json`."""
     found = []
     for path in map(Path, paths):

@@ -28,7 +28,7 @@ def summarise(rows: Iterable[Row], confidence: float = 0.95) -> dict[str, dict[s
     """
     summary = {}
     for strategy, seeds in per_seed(rows).items():
-        values = {key: [scores[key] for scores in seeds.values() if scores[key] is not None] for key in SCORES}
+        values = {key: [score for scores in seeds.values() if (score := scores[key]) is not None] for key in SCORES}
         summary[strategy] = {key: Mean(*interval(known, confidence)) for key, known in values.items() if known}
     return summary
 
