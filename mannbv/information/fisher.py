@@ -1,5 +1,7 @@
 """Fisher information of a view, exactly: the diagonal or the splats' blocks of JᵀJ; and of past views, Eqs. (3)-(5)."""
 
+from collections.abc import Sequence
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -159,11 +161,13 @@ def _dense_gram(joint: SplatMap, n_own: int, camera: Camera, pose: Pose, sigma_c
 
 
 def prior(
-    splat_map: SplatMap, camera: Camera, poses: list[Pose], block: bool = False, **noise
-) -> Float[Tensor, "n p"] | Float[Tensor, "n p p"]:
-    """Information of the past views `poses` about today's map: Σ fisher, or Σ blocks. `noise` as in `fisher`."""
+    splat_map: SplatMap, camera: Camera, poses: Sequence[Pose], block: bool = False, others: SplatMap | None = None,
+    method: str = "auto", sigma_color: float = _DEFAULT.sigma_color, sigma_depth: float = _DEFAULT.sigma_depth,
+) -> Float[Tensor, "n p"] | Float[Tensor, "n p p"]:  # fmt: skip
+    """Information of the past views `poses` about today's map: Σ fisher, or Σ blocks; the rest as in `fisher`."""
     p = n_parameters(splat_map.dim)
     total = torch.zeros(splat_map.n_splats, *([p] * (1 + block))).to(splat_map.means)
     for pose in poses:
-        total = total + (blocks if block else fisher)(splat_map, camera, pose, **noise)
+        shown = (blocks if block else fisher)(splat_map, camera, pose, others, method, sigma_color, sigma_depth)
+        total = total + shown
     return total

@@ -1,17 +1,30 @@
 """From information to gain, Eqs. (5), (14), (15), and how a gain changes with the view."""
 
+from typing import TypedDict, Unpack
+
 import torch
 from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from mannbv import geometry
 from mannbv.camera import Camera
-from mannbv.config import Config
+from mannbv.config import Config, Noise
 from mannbv.geometry import Pose
 from mannbv.information.fisher import blocks, fisher, n_parameters
 from mannbv.splats import SplatMap
 
 _DEFAULT = Config()
+
+
+class Options(TypedDict, total=False):
+    """What `gain` is given beside the information."""
+
+    weights: Tensor | None
+    selected: Tensor | None
+    damping: ArrayLike | None
+    weigh_prior: bool
+    literal_views: int | None
 
 
 def damping(dim: int, config: Config = _DEFAULT) -> Float[Tensor, " p"]:
@@ -33,7 +46,7 @@ def _dim_of(prior: Tensor) -> int:
     return dims[prior.shape[1]]
 
 
-def worth_of(prior: Tensor, weights, selected, damping) -> Tensor:
+def worth_of(prior: Tensor, weights: ArrayLike | None, selected: ArrayLike | None, damping: ArrayLike | None) -> Tensor:
     """v / (H + λ) for every parameter (n, p), zero outside the selection."""
     damping = default_damping(prior) if damping is None else damping
     value = _value_of(prior, weights, selected)
@@ -43,7 +56,7 @@ def worth_of(prior: Tensor, weights, selected, damping) -> Tensor:
     return value[:, None] / denominator
 
 
-def _value_of(prior: Tensor, weights, selected) -> Tensor:
+def _value_of(prior: Tensor, weights: ArrayLike | None, selected: ArrayLike | None) -> Tensor:
     """v of every splat (n,), zero outside the selection."""
     value = torch.ones(len(prior)).to(prior) if weights is None else torch.as_tensor(weights).to(prior)
     _check_rows("weights", value, prior)
@@ -85,7 +98,9 @@ def _factor(prior: Tensor, damping: Tensor) -> Tensor:
     return factor
 
 
-def mean_variances(prior: Float[Tensor, "n p"] | Float[Tensor, "n p p"], damping=None) -> Float[Tensor, "n d"]:
+def mean_variances(
+    prior: Float[Tensor, "n p"] | Float[Tensor, "n p p"], damping: ArrayLike | None = None
+) -> Float[Tensor, "n d"]:
     """Posterior variances [m²] of each splat's mean, by what past views tell of it: 1 / (H + λ), its own columns.
 
     Of `blocks` (n, p, p): the diagonal of (H + Λ)⁻¹, which also holds what the mean shares with the splat's other
@@ -107,7 +122,7 @@ def gain(
     prior: Float[Tensor, "n p"] | Float[Tensor, "n p p"],
     weights: Float[Tensor, " n"] | None = None,
     selected: Bool[Tensor, " n"] | None = None,
-    damping=None,
+    damping: ArrayLike | None = None,
     weigh_prior: bool = False,
     literal_views: int | None = None,
 ) -> Float[Tensor, ""]:
@@ -135,19 +150,34 @@ def gain(
     return (acquired * worth_of(prior, weights, selected, damping)).sum()
 
 
-def view_gain(splat_map: SplatMap, camera: Camera, pose: Pose, prior: Tensor, others=None, noise=None, **options):
+def view_gain(
+    splat_map: SplatMap,
+    camera: Camera,
+    pose: Pose,
+    prior: Tensor,
+    others: SplatMap | None = None,
+    noise: Noise | None = None,
+    **options: Unpack[Options],
+) -> Tensor:
     """Gain of the view from `pose`, a scalar tensor. The prior says which information is meant: `fisher` or `blocks`.
 
     noise: sigma_color, sigma_depth of `fisher`. options: weights, selected, damping as in `gain`.
     """
     look = blocks if prior.ndim == 3 else fisher
-    return gain(look(splat_map, camera, pose, others, **(noise or {})), prior, **options)
+    return gain(look(splat_map, camera, pose, others, **(noise or _DEFAULT.noise)), prior, **options)
 
 
 @torch.enable_grad()
 def gain_and_slope(
-    splat_map: SplatMap, camera: Camera, position, yaw: float, prior: Tensor, others=None, noise=None, **options
-):
+    splat_map: SplatMap,
+    camera: Camera,
+    position: ArrayLike,
+    yaw: float,
+    prior: Tensor,
+    others: SplatMap | None = None,
+    noise: Noise | None = None,
+    **options: Unpack[Options],
+) -> tuple[float, float]:
     """Gain of the view from `position` (d,) along `yaw` [rad], and its exact derivative [1/rad], as two floats.
 
     Arguments as in `view_gain`. The order of the splats by range does not change with the yaw, so the derivative is
@@ -161,8 +191,14 @@ def gain_and_slope(
 
 
 def gain_and_gradient(
-    splat_map: SplatMap, camera: Camera, pose: Pose, prior: Tensor, others=None, noise=None, **options
-):
+    splat_map: SplatMap,
+    camera: Camera,
+    pose: Pose,
+    prior: Tensor,
+    others: SplatMap | None = None,
+    noise: Noise | None = None,
+    **options: Unpack[Options],
+) -> tuple[float, Tensor]:
     """Gain of the view from `pose`, a float, and its exact gradient (d + d(d−1)/2,) in the twist of `pose.moved`.
 
     Arguments as in `view_gain`; per metre and radian, in the camera's own frame; the yaw is one direction of it, see

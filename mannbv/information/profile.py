@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from mannbv import consensus, geometry, render, splats
 from mannbv.camera import Camera
-from mannbv.config import Config
+from mannbv.config import Config, Noise
 from mannbv.geometry import Pose
 from mannbv.information.fisher import n_parameters
 from mannbv.information.gain import view_gain, worth_of
@@ -60,11 +61,11 @@ uniform_yaws = consensus.grid  # profiles and what robots agree on have one grid
 def yaw_profile(
     splat_map: SplatMap,
     camera: Camera,
-    position,
+    position: ArrayLike,
     prior: Float[Tensor, "n p"],
     weights: Float[Tensor, " n"] | None = None,
     selected: Bool[Tensor, " n"] | None = None,
-    damping=None,
+    damping: ArrayLike | None = None,
     n_yaws: int = _DEFAULT.n_yaws,
     others: SplatMap | None = None,
     method: str = "auto",
@@ -103,7 +104,7 @@ def yaw_profile(
         raise ValueError(f"yaw_profile: needs a row a splat and at least one yaw, got {rows} and {n_yaws} yaws")
     yaws = uniform_yaws(n_yaws)
     if method == "views" or not served:
-        noise = {"sigma_color": sigma_color, "sigma_depth": sigma_depth}
+        noise = Noise(sigma_color=sigma_color, sigma_depth=sigma_depth)
         options = {"weights": weights, "selected": selected, "damping": damping}
 
         def look(yaw: float) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Unpack
 
 import torch
 from jaxtyping import Float
@@ -9,8 +10,9 @@ from torch import Tensor
 
 from mannbv import geometry, render
 from mannbv.camera import Camera
+from mannbv.config import Noise
 from mannbv.geometry import Pose
-from mannbv.information.gain import gain_and_gradient, view_gain
+from mannbv.information.gain import Options, gain_and_gradient, view_gain
 from mannbv.splats import SplatMap
 
 FREEDOMS = ("yaw", "yaw and pitch", "pose")
@@ -85,8 +87,8 @@ def best_view(
     leads: int = 3,
     rounds: int = 20,
     others: SplatMap | None = None,
-    noise: dict | None = None,
-    **options,
+    noise: Noise | None = None,
+    **options: Unpack[Options],
 ) -> View:
     """The view of largest gain that a search from `start` finds; never worse than the start, the same every time.
 

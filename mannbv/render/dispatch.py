@@ -1,6 +1,7 @@
 """Which renderer draws: the fast kernel where it applies, the dense reference elsewhere."""
 
 import warnings
+from types import ModuleType
 
 import torch
 from torch import Tensor
@@ -14,7 +15,7 @@ from mannbv.splats import SplatMap
 METHODS = ("auto", "dense", "tiled")
 
 
-def engine(method: str, splat_map: SplatMap, *others: Tensor):
+def engine(method: str, splat_map: SplatMap, *others: Tensor) -> ModuleType | None:
     """The kernel's module that `method` means here (`flat` or `space`), or None for the dense twin.
 
     A kernel serves float32 on the CPU, with no gradient asked of `others`. "tiled" on another device warns and leaves

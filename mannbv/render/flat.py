@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
@@ -66,14 +67,13 @@ def serves(splat_map: SplatMap, *others: Tensor) -> bool:
 def project(splat_map: SplatMap, camera: Camera, pose: Pose, around: bool = False) -> Row:
     """Project a flatland map for the kernel; `around`: in all directions, u = focal · angle, without low pass."""
     refuse(splat_map)
-    parts = [t.detach().double().cpu().numpy() for t in splat_map.tensors()]
+    means, log_scales, rotations, logits, _ = (t.detach().double().cpu().numpy() for t in splat_map.tensors())
     rotation, position = pose.rotation.detach().double().cpu().numpy(), pose.position.detach().double().cpu().numpy()
     limit, low_pass = EDGE * camera.width / 2 / camera.focal, 0.0 if around else LOW_PASS
-    index, *image = row.project(
-        *parts[:3], rotation, position, camera.focal, camera.width, limit, NEAR, low_pass, around
+    index, u, var, depth, chain = row.project(
+        means, log_scales, rotations, rotation, position, camera.focal, camera.width, limit, NEAR, low_pass, around
     )
-    opacity = 1 / (1 + np.exp(-parts[3][index]))
-    return Row(index, *image, opacity, rotation[:, 1])
+    return Row(index, u, var, depth, chain, 1 / (1 + np.exp(-logits[index])), rotation[:, 1])
 
 
 class _Render(torch.autograd.Function):
@@ -90,10 +90,11 @@ class _Render(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, slopes):
-        seen, values, image, width, cutoff, floor = ctx.kept
+    def backward(ctx, *grad_outputs):  # pyright: ignore[reportIncompatibleMethodOverride]  the decorator has no type
+        (slopes,), (seen, values, image, width, cutoff, floor) = grad_outputs, ctx.kept
+        u, var, opacity = seen.shape()
         means, log_scales, rotations, logits, colors = ctx.saved_tensors
-        q, by_value = row.backward(*seen.shape(), values, image, slopes.double().numpy(), width, cutoff, floor)
+        q, by_value = row.backward(u, var, opacity, values, image, slopes.double().numpy(), width, cutoff, floor)
         chain, by_var = seen.chain, q[:, 1:2]
         by_mean = q[:, :1] * chain[:, :2] + by_var * chain[:, 2:4] + by_value[:, 3:] * seen.forward
         unit = torch.nn.functional.normalize(rotations.detach().double(), dim=1).numpy()[seen.index]
@@ -114,8 +115,9 @@ def render(splat_map: SplatMap, camera: Camera, pose: Pose, cutoff: float = CUTO
 
 
 def fisher(
-    joint: SplatMap, n_own: int, camera: Camera, pose: Pose, sigma_color, sigma_depth, cutoff=CUTOFF, floor=FLOOR
-) -> Tensor:
+    joint: SplatMap, n_own: int, camera: Camera, pose: Pose, sigma_color: float, sigma_depth: float,
+    cutoff: float = CUTOFF, floor: float = FLOOR,
+) -> Tensor:  # fmt: skip
     """diag(JᵀJ) (n_own, 9) of the first `n_own` splats; the others only occlude."""
     seen = project(joint, camera, pose)
     colors = joint.colors.detach().double().numpy()[seen.index]
@@ -130,8 +132,9 @@ def fisher(
 
 
 def gram(
-    joint: SplatMap, n_own: int, camera: Camera, pose: Pose, sigma_color, sigma_depth, cutoff=CUTOFF, floor=FLOOR
-) -> tuple[Tensor, ...]:
+    joint: SplatMap, n_own: int, camera: Camera, pose: Pose, sigma_color: float, sigma_depth: float,
+    cutoff: float = CUTOFF, floor: float = FLOOR,
+) -> tuple[Tensor, ...]:  # fmt: skip
     """What `information.blocks` is made of, as `tiles.gram` gives it; features are 1, δ and δ², times the blend."""
     seen = project(joint, camera, pose)
     colors = joint.colors.detach().double().numpy()[seen.index]
@@ -149,8 +152,8 @@ def gram(
 
 
 def densities(
-    joint: SplatMap, camera: Camera, position, worth: Tensor, slants: np.ndarray, columns: int,
-    sigma_color, sigma_depth, cutoff=CUTOFF,
+    joint: SplatMap, camera: Camera, position: ArrayLike, worth: Tensor, slants: np.ndarray, columns: int,
+    sigma_color: float, sigma_depth: float, cutoff: float = CUTOFF,
 ) -> np.ndarray:  # fmt: skip
     """What a pixel would gain in every direction, for each of some places in the image: (4, slants, columns).
 
@@ -161,8 +164,7 @@ def densities(
     seen = project(joint, camera, pose, around=True)
     colors = joint.colors.detach().double().cpu().numpy()[seen.index]
     relative = joint.means.detach().double().cpu().numpy()[seen.index] - pose.position.numpy()
-    worth = worth.detach().double().cpu().numpy()[seen.index]
-    splats = seen.var, seen.opacity, relative, seen.chain, colors, worth
+    splats = seen.var, seen.opacity, relative, seen.chain, colors, worth.detach().double().cpu().numpy()[seen.index]
     limit, noise = EDGE * camera.width / 2 / camera.focal, (float(sigma_color), float(sigma_depth))
     steps = (np.arange(columns) + 0.5) * 2 * math.pi / columns - math.pi
     compass = np.stack([np.sin(steps), np.cos(steps)], 1)

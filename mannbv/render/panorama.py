@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.fft
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from mannbv.camera import EDGE, LOW_PASS, NEAR, Camera
@@ -66,8 +67,8 @@ def serves(camera: Camera, pitch: float) -> bool:
 
 
 def look(
-    joint: SplatMap, camera: Camera, position, worth: Tensor, pitch: float, sigma_color: float, sigma_depth: float,
-    cutoff: float = CUTOFF, floor: float = FLOOR,
+    joint: SplatMap, camera: Camera, position: ArrayLike, worth: Tensor, pitch: float, sigma_color: float,
+    sigma_depth: float, cutoff: float = CUTOFF, floor: float = FLOOR,
 ) -> Panorama:  # fmt: skip
     """The panorama at `position` (d,) [m] of a map, for cameras like this one.
 
@@ -85,7 +86,9 @@ def look(
 
 def _circle(joint, camera, position, worth, noise, cutoff) -> Panorama:
     columns = scipy.fft.next_fast_len(math.ceil(_OVERSAMPLING * 2 * math.pi * camera.focal), real=True)
-    densities = rows.densities(joint, camera, position, worth, np.tan(_angles(camera.fov)), columns, *noise, cutoff)
+    densities = rows.densities(
+        joint, camera, position, worth, np.tan(_angles(camera.fov)), columns, noise[0], noise[1], cutoff
+    )
     return _correlated(densities, _circle_reader(camera, columns))
 
 
@@ -136,7 +139,8 @@ def cylinder(camera: Camera, pitch: float) -> Cylinder:
     cosine to the axis nearly linearly: densities for two places, where a two-point quadrature over the image has them,
     serve all pixels.
     """
-    tile, half = pairs_of.TILE, math.atan(camera.height / 2 / camera.focal)
+    (across, down), tile = camera.size, pairs_of.TILE
+    half = math.atan(down / 2 / camera.focal)
     radius = max(camera.focal, _SMALLEST)
     columns = tile * scipy.fft.next_fast_len(math.ceil(2 * math.pi * radius / tile), real=True)
     radius = columns / (2 * math.pi)
@@ -150,7 +154,7 @@ def cylinder(camera: Camera, pitch: float) -> Cylinder:
     slope = ((squares - mean)[:, None] * passed).mean(0) / spread**2
     low_pass = LOW_PASS * (radius / camera.focal) ** 2 * (passed.mean(0) + np.outer(nodes - mean, slope))
     pixels, squared = panorama.pixels(
-        columns, height // panorama.BIN, horizon, radius, float(camera.width), float(camera.height), camera.focal, pitch
+        columns, height // panorama.BIN, horizon, radius, float(across), float(down), camera.focal, pitch
     )
     shares = [squared - nodes[1] * pixels, nodes[0] * pixels - squared]
     reader = scipy.fft.rfft(np.concatenate(shares) / (nodes[0] - nodes[1])).astype(np.complex64)
@@ -162,7 +166,7 @@ def _low_pass(camera: Camera, pitch: float, samples: int = 33) -> tuple[np.ndarr
     1 / focal² around a pixel, its variances there across and down.
     """
     ticks = (np.arange(samples) + 0.5) / samples - 0.5
-    x, y = np.meshgrid(ticks * camera.width / camera.focal, ticks * camera.height / camera.focal)
+    x, y = np.meshgrid(*(ticks * n / camera.focal for n in camera.size))
     cos, sin = math.cos(pitch), math.sin(pitch)
     down, forward = y * cos - sin, cos + y * sin  # of the ray (x, y, 1), in a level frame
     level = np.hypot(x, forward)

@@ -26,7 +26,7 @@ class Sorted:
     pairs, tiles, places, starts: see `tiles.sort`. order: the tiles, the longest first.
     """
 
-    parts: tuple
+    parts: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     index: np.ndarray
     splats: np.ndarray
     pairs: np.ndarray
@@ -64,7 +64,7 @@ def sort(splat_map: SplatMap, camera: Camera, pose: Pose, cutoff: float = CUTOFF
     index = np.flatnonzero(image[:, projection.REACH] > 0)
     index = index[by_range(image[index, projection.FAR])]
     splats = image[index]
-    pairs, starts_of_tiles, places, starts = tiles.sort(splats, camera.width, camera.height)
+    pairs, starts_of_tiles, places, starts = tiles.sort(splats, *camera.size)
     order = np.argsort(-np.diff(starts_of_tiles), kind="stable")
     parts = means, log_scales, rotations, rotation, position, lens
     return Sorted(parts, index, splats, pairs, starts_of_tiles, places, starts, order)
@@ -105,10 +105,10 @@ class _Render(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, slopes):
+    def backward(ctx, *grad_outputs):  # pyright: ignore[reportIncompatibleMethodOverride]  the decorator has no type
         rotations, *_ = ctx.saved_tensors  # raises if one was changed in place since
         seen, values, full, spans, image, floor = ctx.kept
-        slopes = np.ascontiguousarray(slopes.numpy())
+        slopes = np.ascontiguousarray(grad_outputs[0].numpy())
         sums = blend.backward(
             seen.splats, values, seen.pairs, seen.tiles, full, spans, seen.order, image, slopes, floor
         )
@@ -130,8 +130,9 @@ def render(splat_map: SplatMap, camera: Camera, pose: Pose, cutoff: float = CUTO
 
 
 def fisher(
-    joint: SplatMap, n_own: int, camera: Camera, pose: Pose, sigma_color, sigma_depth, cutoff=CUTOFF, floor=FLOOR
-) -> Tensor:
+    joint: SplatMap, n_own: int, camera: Camera, pose: Pose, sigma_color: float, sigma_depth: float,
+    cutoff: float = CUTOFF, floor: float = FLOOR,
+) -> Tensor:  # fmt: skip
     """diag(JᵀJ) (n_own, 13) of the first `n_own` splats; the others only occlude."""
     seen = sort(joint, camera, pose, cutoff)
     values = _values(seen, joint.colors.detach().numpy(), sigma_color, sigma_depth)
@@ -145,8 +146,9 @@ def fisher(
 
 
 def gram(
-    joint: SplatMap, n_own: int, camera: Camera, pose: Pose, sigma_color, sigma_depth, cutoff=CUTOFF, floor=FLOOR
-) -> tuple[Tensor, ...]:
+    joint: SplatMap, n_own: int, camera: Camera, pose: Pose, sigma_color: float, sigma_depth: float,
+    cutoff: float = CUTOFF, floor: float = FLOOR,
+) -> tuple[Tensor, ...]:  # fmt: skip
     """What `information.blocks` is made of: index (c,) of the splats seen among the first `n_own`; of each the Gram
     matrix of its features (6, 6), their chain (6, 10), Σ lift · weight · feature of each channel (4, 6), and Σ weight².
 
