@@ -342,7 +342,7 @@ def test_a_team_agrees_on_poses_that_tell_it_more(dim, freedom):
     assert team(agreed) - before > 0.9 * (-best.fun - before)
 
 
-def test_what_agreement_on_twists_refuses():
+def test_what_agreement_on_twists_refuses(unchecked):
     graph, functions, eye = network.build("line", 2), [lambda twists: 0.0] * 2, np.tile(np.eye(3), (2, 1, 1))
     for words, call in (
         ("no solver of twists is called 'own'; choose one of cadmm, cadmm-gradient", (functions, graph, eye, "own")),
