@@ -80,7 +80,7 @@ class SplatMap:
         rows = rows if rows.numel() else rows.long()  # an empty list has no type of its own
         return SplatMap(*(t[rows] for t in self.tensors()))
 
-    def to(self, like: Tensor | torch.dtype | torch.device) -> "SplatMap":
+    def to(self, like: Tensor | torch.dtype | torch.device | str) -> "SplatMap":
         """As `torch.Tensor.to`: another device or precision."""
         return SplatMap(*(t.to(like) for t in self.tensors()))
 

@@ -58,7 +58,7 @@ def test_true_risk_is_the_mean_clearance(place):
 def test_risk_gain_is_that_of_the_planned_path_over_the_shortest(place):
     lattice, free = place.ground.free_grid(CONFIG.cell, 0.05)
     ground = grid.Occupancy(lattice, np.where(free, -1.0, 3.0).astype(np.float32))
-    belief = Belief(surface_map(place), torch.zeros(0), ground)
+    belief = Belief(surface_map(place), torch.zeros(0, 9), ground)
     start, goal = place.starts[0, :2], place.goals[0]
     shortest = place.ground.shortest_path(start, goal, CONFIG.robot_radius)
     scores = metrics.path_scores(belief, place, metrics.true_surfaces(place), start, goal, shortest, CONFIG)
@@ -81,7 +81,7 @@ def test_risk_gain_is_that_of_the_planned_path_over_the_shortest(place):
 
 def test_a_map_without_a_way_scores_nothing(place):
     ground = grid.Occupancy.unknown(place.ground.lattice(CONFIG.cell))
-    belief = Belief(surface_map(place), torch.zeros(0), ground)
+    belief = Belief(surface_map(place), torch.zeros(0, 9), ground)
     shortest = place.ground.shortest_path(place.starts[0], place.goals[0], 0.1)
     scores = metrics.path_scores(
         belief, place, metrics.true_surfaces(place), place.starts[0, :2], place.goals[0], shortest, CONFIG
@@ -93,7 +93,7 @@ def test_a_path_that_ends_far_from_the_goal_is_no_path_to_it(place):
     lattice, free = place.ground.free_grid(CONFIG.cell, 0.05)
     known = free & (np.linalg.norm(lattice.centers() - place.starts[0, :2], axis=-1) < 2.0)
     ground = grid.Occupancy(lattice, np.where(known, -1.0, 0.0).astype(np.float32))
-    belief = Belief(surface_map(place), torch.zeros(0), ground)
+    belief = Belief(surface_map(place), torch.zeros(0, 9), ground)
     assert metrics.reference_path(belief, place.starts[0, :2], place.goals[0], CONFIG) is None
     assert metrics.reference_path(belief, place.starts[0, :2], place.starts[0, :2] + [0.3, 0.0], CONFIG) is not None
 
