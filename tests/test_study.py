@@ -468,7 +468,9 @@ def test_bad_rows_are_refused(tmp_path, rows):
         study.gather([tmp_path / "results.json"])
 
 
-@pytest.mark.parametrize("change", [{"robots": "five"}, {"dim": None}, {"scene": 3}, {"config": []}])
+@pytest.mark.parametrize(
+    "change", [{"robots": "five"}, {"dim": None}, {"scene": 3}, {"config": []}, {"summary": 7}, {"seeds": 1}]
+)
 def test_what_is_not_compares_is_refused(tmp_path, change):
     (tmp_path / "results.json").write_text(json.dumps(small_results().to_json() | change))
     with pytest.raises(study.StudyError, match=f"no results of compare .*, {next(iter(change))} must be"):

@@ -115,16 +115,20 @@ def score(record: Record, mission: Mission) -> tuple[Row, ...]:
         shortest = place.ground.shortest_path(start, robot.goal, config.robot_radius, config.cell)
         reachable = place.ground.reachable_free(config.cell, config.robot_radius, start)
         psnr, mae = metrics.view_quality(belief.splats, place, mission.camera, robot.trail, config)
-        row = {"strategy": record.strategy, "seed": record.seed, "robot": robot.index, "reached": reached}
-        row["cycles"] = sum(log.status != "reached" for log in record.logs(robot.index))
-        row |= metrics.travel_scores(place, robot.trail, robot.goal, shortest, reached, robot.collisions)
-        row |= metrics.path_scores(belief, place, surfaces, start, robot.goal, shortest, config)
-        row |= {"psnr_db": psnr, "depth_mae_m": mae} | metrics.traffic(record.ledger, robot.index, record.strategy)
-        row["coverage"] = metrics.coverage(belief.known, reachable, place.ground.lattice(config.cell))
-        row["fate"] = "reached" if reached else why_not(robot, config)
-        rows.append(row)
+        scores = {
+            **metrics.travel_scores(place, robot.trail, robot.goal, shortest, reached, robot.collisions),
+            **metrics.path_scores(belief, place, surfaces, start, robot.goal, shortest, config),
+            **metrics.traffic(record.ledger, robot.index, record.strategy),
+            "psnr_db": psnr, "depth_mae_m": mae,
+            "coverage": metrics.coverage(belief.known, reachable, place.ground.lattice(config.cell)),
+        }  # fmt: skip
+        rows.append(Row(
+            record.strategy, record.seed, robot.index, reached, **archive.plain(scores),
+            cycles=sum(log.status != "reached" for log in record.logs(robot.index)),
+            fate="reached" if reached else why_not(robot, config),
+        ))  # fmt: skip
     seconds = spent + time.perf_counter() - began
-    return tuple(Row(**archive.plain(row), seconds=seconds) for row in rows)
+    return tuple(dataclasses.replace(row, seconds=seconds) for row in rows)
 
 
 def why_not(robot: Robot, config: Config) -> str:

@@ -13,15 +13,6 @@ from mannbv.metrics.measures import (
 from mannbv.metrics.scores import SCORES, Row, Score
 
 __all__ = [
-    "HEADINGS",
-    "SCORES",
-    "Row",
-    "Score",
-    "coverage",
-    "path_scores",
-    "reference_path",
-    "traffic",
-    "travel_scores",
-    "true_surfaces",
-    "view_quality",
-]
+    "HEADINGS", "SCORES", "Row", "Score", "coverage", "path_scores", "reference_path", "traffic", "travel_scores",
+    "true_surfaces", "view_quality",
+]  # fmt: skip
