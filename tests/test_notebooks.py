@@ -158,8 +158,11 @@ def text_of(node: ast.expr | None) -> str:
     """A label as it is written, with … for what is filled in; "" if it cannot be read off."""
     if isinstance(node, ast.Call) and name_of(node) == "format":
         return text_of(node.func.value)
+    if isinstance(node, ast.Attribute) and node.attr == "axis":  # of a `metrics.Score`, which ends in its unit
+        return "… [unit]"
     if isinstance(node, ast.JoinedStr):
-        return "".join(part.value if isinstance(part, ast.Constant) else "…" for part in node.values)
+        parts = (part.value if isinstance(part, ast.FormattedValue) else part for part in node.values)
+        return "".join(text_of(part) or "…" for part in parts)
     return node.value if isinstance(node, ast.Constant) else ""
 
 
@@ -425,6 +428,7 @@ def test_lines_count_only_where_their_stage_runs():
         'ax.set_ylabel("gain (1)")',
         'ax.set(xlabel="[m] of way")',
         'ax.set(ylabel=f"share of {name}")',
+        "ax.set(ylabel=score.label)",
         "ax.set(ylabel=label)",  # whoever reads the cell cannot see the unit either
         "canvas.colorbar(image, ax=ax)",
         'canvas.colorbar(image, ax=ax, label="risk")',
@@ -437,6 +441,7 @@ def test_an_axis_without_a_unit_is_seen(source):
 
 def test_axes_with_units_or_names_pass():
     good = 'ax.set(xlabel="time [s]", ylabel=f"{name} [{unit}]", title="time")', 'ax.set_xlabel("splat")'
+    good += ('ax.set(xlabel=score.axis, ylabel=f"less {SCORES[key].axis}")',)
     assert unitless(made_up(*good, 'canvas.colorbar(image, label="risk [m]")', 'ax.plot(x, label="no axis")')) == []
 
 

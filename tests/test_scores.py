@@ -82,7 +82,8 @@ def test_a_label_elsewhere_would_be_seen():
 
 
 def test_labels_name_their_scores_in_one_unit():
-    assert len({(score.label, score.unit) for score in SCORES.values()}) == len(SCORES)
+    assert len({score.axis for score in SCORES.values()}) == len(SCORES)
+    assert all(re.search(r"\[[^\[\]]+\]$", score.axis) for score in SCORES.values())
 
 
 @pytest.mark.parametrize(
