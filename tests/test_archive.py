@@ -66,7 +66,7 @@ WRITERS = {
     "local.npz": lambda path: mapping.save(episode.load(OLD).robots[0].local, path),
     "map.npz": lambda path: splats.save(old_map(), path),
     "map.ply": lambda path: splats.save(splats.lifted(old_map(), [0.0, 1.0], 0.1), path),
-    "reel.npz": lambda path: small_recording().save(path),
+    "recording.npz": lambda path: small_recording().save(path),
     "results.json": lambda path: study.save({"rows": list(range(100))}, path),
     "table.txt": lambda path: report.write([TABLE], path.parent),
     "grades.csv": lambda path: grade.write_table(path, {"a": [dict.fromkeys(grade.COLUMNS, "x")]}),

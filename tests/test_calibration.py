@@ -115,13 +115,15 @@ def test_of_two_equal_ones_none_is_better(rng):
 
 
 def test_scores_agree_with_scipy(rng):
-    told = toy(rng, (lambda c: np.round(c + rng.normal(0, 0.4, len(c)), 1), lambda c: c + rng.normal(0, 0.9, len(c))))
-    found = study.calibrate(told, rng, thresholds=(0.3, 0.9, 0.01), draws=20)
+    waypoints = toy(
+        rng, (lambda c: np.round(c + rng.normal(0, 0.4, len(c)), 1), lambda c: c + rng.normal(0, 0.9, len(c)))
+    )
+    found = study.calibrate(waypoints, rng, thresholds=(0.3, 0.9, 0.01), draws=20)
     for kind in (0, 1):
-        assert_allclose(found.rank.value[kind], stats.spearmanr(told.alpha[kind], told.clearance).statistic)
+        assert_allclose(found.rank.value[kind], stats.spearmanr(waypoints.alpha[kind], waypoints.clearance).statistic)
         for row, limit in enumerate((0.3, 0.9)):
-            bad = told.clearance < limit
-            pairs = stats.mannwhitneyu(told.alpha[kind, ~bad], told.alpha[kind, bad]).statistic
+            bad = waypoints.clearance < limit
+            pairs = stats.mannwhitneyu(waypoints.alpha[kind, ~bad], waypoints.alpha[kind, bad]).statistic
             assert_allclose(found.auc.value[row, kind], pairs / (bad.sum() * (~bad).sum()))
             assert found.dangerous[row] == bad.sum()
     assert found.dangerous[2] == 0  # nothing is so near: no area, and no warning
@@ -144,20 +146,20 @@ def test_a_value_at_risk_is_undercut_as_often_as_its_level_says(level, rng):
 
 
 def test_bins_hold_as_many_each_in_ascending_order(rng):
-    told = toy(rng, (lambda c: c**2, lambda c: -c))
-    found = study.calibrate(told, rng, 4, draws=20)
+    waypoints = toy(rng, (lambda c: c**2, lambda c: -c))
+    found = study.calibrate(waypoints, rng, 4, draws=20)
     for kind in (0, 1):
-        order = np.argsort(told.alpha[kind]).reshape(4, 250)
-        assert_allclose(found.alpha.value[kind], told.alpha[kind][order].mean(1))
-        assert_allclose(found.clearance.value[kind], told.clearance[order].mean(1))
-        assert_allclose(found.overconfident.value[kind], (told.clearance < told.alpha[kind])[order].mean(1))
+        order = np.argsort(waypoints.alpha[kind]).reshape(4, 250)
+        assert_allclose(found.alpha.value[kind], waypoints.alpha[kind][order].mean(1))
+        assert_allclose(found.clearance.value[kind], waypoints.clearance[order].mean(1))
+        assert_allclose(found.overconfident.value[kind], (waypoints.clearance < waypoints.alpha[kind])[order].mean(1))
     assert (found.clearance.low <= found.clearance.value).all()
     assert (found.clearance.value <= found.clearance.high).all()
 
 
 def test_the_same_seed_gives_the_same_numbers(rng):
-    told = toy(rng, lambda c: c + rng.normal(0, 0.3, len(c)))
-    one, two, other = (study.calibrate(told, np.random.default_rng(seed), draws=50).rank for seed in (3, 3, 4))
+    waypoints = toy(rng, lambda c: c + rng.normal(0, 0.3, len(c)))
+    one, two, other = (study.calibrate(waypoints, np.random.default_rng(seed), draws=50).rank for seed in (3, 3, 4))
     assert (one.low == two.low).all()
     assert (one.low != other.low).any()
 
@@ -210,7 +212,7 @@ def test_a_robot_that_knows_nothing_near_foretells_none(place, monkeypatch):
 
 
 def test_forecasts_are_all_announced_waypoints_with_their_true_clearance(records, place):
-    told = study.forecasts(records, place)
+    waypoints = study.forecasts(records, place)
     rows = [
         (log.risk[k], log.risk_inflated[k], float(place.ground.clearance(np.array([point]))[0]), (record.seed, number))
         for record in records
@@ -219,14 +221,14 @@ def test_forecasts_are_all_announced_waypoints_with_their_true_clearance(records
         for k, point in enumerate(log.path)
     ]
     assert len(rows) > 100
-    assert_allclose(told.alpha, np.array([row[:2] for row in rows]).T)
-    assert_allclose(told.clearance, [row[2] for row in rows])
+    assert_allclose(waypoints.alpha, np.array([row[:2] for row in rows]).T)
+    assert_allclose(waypoints.clearance, [row[2] for row in rows])
     # one robot of one seed is one in every strategy
-    assert len(np.unique(told.robot)) == 4
-    assert len(set(zip(told.robot, (row[3] for row in rows), strict=True))) == 4
+    assert len(np.unique(waypoints.robot)) == 4
+    assert len(set(zip(waypoints.robot, (row[3] for row in rows), strict=True))) == 4
     found = study.calibration(records, place, draws=100)
     assert found.n_robots == 4
-    assert_allclose(found.rank.value[0], stats.spearmanr(told.alpha[0], told.clearance).statistic)
+    assert_allclose(found.rank.value[0], stats.spearmanr(waypoints.alpha[0], waypoints.clearance).statistic)
     assert found.rank.value[0] > 0.5
 
 

@@ -34,7 +34,7 @@ EXERCISES = {
 everywhere = pytest.mark.parametrize("name", EXERCISES)
 
 
-def heard(capsys, exercise, *mine) -> tuple[bool, str]:
+def said_of(capsys, exercise, *mine) -> tuple[bool, str]:
     """Whether an answer is done, and the one line that it hears."""
     done = exercise(*mine)
     said = capsys.readouterr().out
@@ -72,12 +72,12 @@ def test_each_module_is_of_a_notebook_and_has_its_exercises():
 def test_the_truth_passes(name, capsys):
     exercise = EXERCISES[name]
     if isinstance(exercise, Judged):
-        done, said = heard(capsys, exercise, *functions(exercise.truth))
+        done, said = said_of(capsys, exercise, *functions(exercise.truth))
         assert done and re.fullmatch(pattern(exercise.praise), said)
     else:
         words, values = next(exercise.rows(exercise.drawn()))
         assert words == AGREES
-        assert heard(capsys, exercise, replayed(values)) == (True, AGREES)
+        assert said_of(capsys, exercise, replayed(values)) == (True, AGREES)
 
 
 @everywhere
@@ -85,14 +85,14 @@ def test_each_mistake_hears_its_own_hint_and_no_other(name, capsys):
     exercise = EXERCISES[name]
     if isinstance(exercise, Judged):
         for answer, hint, _ in exercise.mistakes:
-            done, said = heard(capsys, exercise, *functions(answer))
+            done, said = said_of(capsys, exercise, *functions(answer))
             fits = {other.hint for other in exercise.mistakes if re.fullmatch(pattern(other.hint), said)}
             assert (done, fits) == (False, {hint}), said
         assert len(exercise.mistakes) >= 3
     else:
         _, *wrong = exercise.rows(exercise.drawn())
         for hint, values in wrong:
-            assert heard(capsys, exercise, replayed(values)) == (False, hint)
+            assert said_of(capsys, exercise, replayed(values)) == (False, hint)
         assert len(wrong) >= 3
 
 
@@ -138,7 +138,7 @@ def solution(path: Path, name: str) -> list:
 @everywhere
 def test_the_stored_solution_of_the_notebook_passes(name, capsys):
     room, exercise = name.split(".")
-    done, said = heard(capsys, EXERCISES[name], *solution(NOTEBOOKS[room], exercise))
+    done, said = said_of(capsys, EXERCISES[name], *solution(NOTEBOOKS[room], exercise))
     assert done and re.fullmatch(pattern(getattr(EXERCISES[name], "praise", AGREES)), said)
 
 
@@ -147,7 +147,7 @@ def test_the_stored_solution_of_the_notebook_passes(name, capsys):
 def test_an_empty_answer_is_to_do(name, nothing, capsys):
     exercise = EXERCISES[name]
     mine = [lambda *case: nothing] * len(functions(getattr(exercise, "truth", 0)))
-    assert heard(capsys, exercise, *mine) == (False, TO_DO)
+    assert said_of(capsys, exercise, *mine) == (False, TO_DO)
 
 
 RUBBISH = {
@@ -162,9 +162,9 @@ def test_an_answer_that_stops_or_gives_rubbish_hears_a_sentence(name, capsys):
     exercise = EXERCISES[name]
     for answer in RUBBISH.values():
         mine = [lambda *case, answer=answer: answer] * len(functions(getattr(exercise, "truth", 0)))
-        done, said = heard(capsys, exercise, *mine)
+        done, said = said_of(capsys, exercise, *mine)
         assert not done and 0 < len(said) < 200 and said != TO_DO
-    done, said = heard(capsys, exercise, *[lambda *case: 1 / 0] * len(mine))
+    done, said = said_of(capsys, exercise, *[lambda *case: 1 / 0] * len(mine))
     assert not done and said.startswith("it stops with ZeroDivisionError: division by zero")
 
 
@@ -192,7 +192,7 @@ TRIPLE = Exercise(lambda x: {AGREES: 3 * x, "the sign": -3 * x}, [(1.0,), (2.0,)
     ],
 )
 def test_a_verdict_names_what_is_wrong_and_never_the_answer(capsys, mine, words):
-    assert heard(capsys, TRIPLE, mine) == (words == AGREES, words)
+    assert said_of(capsys, TRIPLE, mine) == (words == AGREES, words)
 
 
 def test_what_an_answer_prints_comes_first_and_one_that_only_prints_hears_that_it_returns_nothing(capsys):
@@ -214,19 +214,19 @@ def test_what_an_answer_prints_comes_first_and_one_that_only_prints_hears_that_i
 )
 def test_a_case_is_named_by_its_inputs_where_they_are_short(capsys, case, place):
     two = Exercise(lambda *_: {AGREES: 2.0}, [case])
-    assert heard(capsys, two, lambda first, second: 1.0) == (False, f"too small {place}")
+    assert said_of(capsys, two, lambda first, second: 1.0) == (False, f"too small {place}")
     short = Exercise(lambda *_: {AGREES: 2.0}, [(0.25, 3)])
-    assert heard(capsys, short, lambda *inputs: 1.0) == (False, "too small for 0.25, 3")
+    assert said_of(capsys, short, lambda *inputs: 1.0) == (False, "too small for 0.25, 3")
 
 
 def test_of_many_entries_the_one_that_is_farthest_off_is_named(capsys):
     wanted = np.array([[1.0, np.inf], [3.0, 4.0]])
     exercise = Exercise(lambda: {AGREES: wanted}, [()])
-    assert heard(capsys, exercise, lambda: wanted) == (True, AGREES)  # inf where inf is wanted
+    assert said_of(capsys, exercise, lambda: wanted) == (True, AGREES)  # inf where inf is wanted
     off = np.array([[0, 0], [0.1, -2]])
-    assert heard(capsys, exercise, lambda: wanted + off) == (False, "entry (1, 1) is too small in case 1 of 1")
+    assert said_of(capsys, exercise, lambda: wanted + off) == (False, "entry (1, 1) is too small in case 1 of 1")
     finite = Exercise(lambda: {AGREES: np.eye(2)}, [()])
-    assert heard(capsys, finite, lambda: wanted) == (False, "not finite in case 1 of 1")
+    assert said_of(capsys, finite, lambda: wanted) == (False, "not finite in case 1 of 1")
 
 
 @pytest.mark.parametrize(
@@ -238,8 +238,8 @@ def test_an_answer_that_writes_into_its_input_is_judged_by_what_was_asked(capsys
         return x
 
     double = Exercise(lambda x: {AGREES: np.asarray(x) * 2}, [(case,)])
-    assert not heard(capsys, double, emptied)[0]  # else the truth would be 0 too
-    assert heard(capsys, double, lambda x: np.asarray(x) * 2) == (True, AGREES)
+    assert not said_of(capsys, double, emptied)[0]  # else the truth would be 0 too
+    assert said_of(capsys, double, lambda x: np.asarray(x) * 2) == (True, AGREES)
 
 
 def zone(reach):
@@ -359,7 +359,7 @@ def interval(a, b):
 
 @pytest.mark.parametrize(("name", "mine", "words"), OTHERS, ids=[name for name, *_ in OTHERS])
 def test_other_answers_hear_how_they_differ_or_that_they_agree(name, mine, words, capsys):
-    assert heard(capsys, EXERCISES[name], mine)[1] == words
+    assert said_of(capsys, EXERCISES[name], mine)[1] == words
 
 
 # --- truths that are not the library's own, against it ---------------------------------------------------------------
@@ -401,8 +401,10 @@ def test_consensus_residuals_are_the_solvers_and_z_and_slope_those_of_the_lagran
     state = consensus.start(0, [1, 2], rng.uniform(-3, 3, 3), rng.normal(size=(3, 24)), penalty=0.4)
     for _ in range(2):
         before, state = state, consensus.step(state, {1: rng.normal(size=3), 2: rng.normal(size=3)})
-    told = state.primal_residual, state.dual_residual
-    assert true("consensus.residuals", state.agreed, state.edge, before.edge, before.penalty) == pytest.approx(told)
+    residuals = state.primal_residual, state.dual_residual
+    assert true("consensus.residuals", state.agreed, state.edge, before.edge, before.penalty) == pytest.approx(
+        residuals
+    )
     *link, rho = rng.normal(size=4), abs(rng.normal())
     a, b, p, q = link[0]
 

@@ -177,13 +177,13 @@ def test_one_round_is_equations_27_to_29():
 
 def test_start_and_step_by_name_are_those_of_the_solver_and_remember_it():
     rng = np.random.default_rng(20)
-    gains, announced, heard = rng.normal(size=(3, 24)), rng.uniform(-3, 3, 3), {1: rng.normal(size=3)}
+    gains, announced, inbox = rng.normal(size=(3, 24)), rng.uniform(-3, 3, 3), {1: rng.normal(size=3)}
     for settings in ({}, {"penalty": 0.3, "growth": 2.0, "primal": "gradient", "circle": False}):
         solver = consensus.CADMM(**settings)
-        ours = solver.step(solver.step(solver.start(0, [1, 2], announced, gains), heard), heard)
+        ours = solver.step(solver.step(solver.start(0, [1, 2], announced, gains), inbox), inbox)
         first = consensus.start(0, [1, 2], announced, gains, **settings)
-        by_name = consensus.step(consensus.step(first, heard), heard)
-        handed = consensus.step(consensus.step(solver.start(0, [1, 2], announced, gains), heard, solver), heard, solver)
+        by_name = consensus.step(consensus.step(first, inbox), inbox)
+        handed = consensus.step(consensus.step(solver.start(0, [1, 2], announced, gains), inbox, solver), inbox, solver)
         for other in (by_name, handed):
             for field in dataclasses.fields(ours):
                 if field.name != "objective":
@@ -493,8 +493,8 @@ def test_links_that_fail_both_ways_only_delay_agreement(graph):
 
     def deliver(outbox):
         gone = {(i, j): lost(i, j) for i in range(N) for j in range(N) if i < j}
-        heard = [note for note in outbox if not gone[tuple(sorted(note[:2]))]]
-        return {i: {note.sender: note.offsets for note in heard if note.receiver == i} for i in range(N)}
+        inbox = [note for note in outbox if not gone[tuple(sorted(note[:2]))]]
+        return {i: {note.sender: note.offsets for note in inbox if note.receiver == i} for i in range(N)}
 
     *_, states = consensus.exchange(solver, states, deliver, rounds=120, tolerance=0)
     np.testing.assert_allclose([s.yaws for s in states], np.tile(team, (N, 1)), atol=1e-3)

@@ -68,15 +68,15 @@ GRAPHS += [nx.barbell_graph(3, 2), nx.random_labeled_tree(9, seed=4), nx.path_gr
 @pytest.mark.parametrize("graph", GRAPHS)
 def test_relays_bring_every_message_to_every_robot_once_and_early(graph):
     n = len(graph)
-    heard = {robot: {robot: 0} for robot in graph}  # robot → origin → hops after which it has the message
+    arrived = {robot: {robot: 0} for robot in graph}  # robot → origin → hops after which it has the message
     for hop, triples in enumerate(network.hops(graph), 1):
         for sender, receiver, origin in triples:
             assert graph.has_edge(sender, receiver)
-            assert heard[sender][origin] < hop  # nobody passes on what it does not have yet
-            assert origin not in heard[receiver]
-            heard[receiver][origin] = hop
+            assert arrived[sender][origin] < hop  # nobody passes on what it does not have yet
+            assert origin not in arrived[receiver]
+            arrived[receiver][origin] = hop
     distance = dict(nx.all_pairs_shortest_path_length(graph))
-    assert heard == distance
+    assert arrived == distance
     assert sum(len(triples) for triples in network.hops(graph)) == n * (n - 1)
     assert len(network.hops(graph)) == nx.diameter(graph)
 

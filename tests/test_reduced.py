@@ -46,11 +46,13 @@ def test_a_monotone_foretelling_is_perfect_in_rank_and_order_and_not_in_line(rng
     values, score = table(rng)
     found = study.reduced(results(2, score), results(3, lambda *key: math.exp(3 * score(*key))), draws=100)
     assert list(found) == ["psnr_db"]
-    told = found["psnr_db"]
-    assert (told.n_cells, told.n_units) == (48, 12)
-    assert [float(part) for part in told.spearman] == pytest.approx([1, 1, 1])
-    assert told.pearson.value == pytest.approx(stats.pearsonr(values.ravel(), np.exp(3 * values).ravel()).statistic)
-    assert told.pearson.value < 0.9
+    agreement = found["psnr_db"]
+    assert (agreement.n_cells, agreement.n_units) == (48, 12)
+    assert [float(part) for part in agreement.spearman] == pytest.approx([1, 1, 1])
+    assert agreement.pearson.value == pytest.approx(
+        stats.pearsonr(values.ravel(), np.exp(3 * values).ravel()).statistic
+    )
+    assert agreement.pearson.value < 0.9
     upside_down = study.reduced(results(2, score), results(3, lambda *key: -score(*key)), draws=20)["psnr_db"]
     assert [float(part) for part in upside_down.spearman] == pytest.approx([-1, -1, -1])
     assert [float(part) for part in upside_down.order] == pytest.approx([-1, -1, -1])
@@ -60,11 +62,11 @@ def test_scores_agree_with_scipy(rng):
     (flat, in_flat), (space, in_space) = table(rng), table(rng)
     space[:, :2] = np.round(space[:, :2])  # some ties
     space += flat
-    told = study.reduced(results(2, in_flat), results(3, in_space), draws=50)["psnr_db"]
-    assert told.spearman.value == pytest.approx(stats.spearmanr(flat.ravel(), space.ravel()).statistic)
-    assert told.pearson.value == pytest.approx(stats.pearsonr(flat.ravel(), space.ravel()).statistic)
+    agreement = study.reduced(results(2, in_flat), results(3, in_space), draws=50)["psnr_db"]
+    assert agreement.spearman.value == pytest.approx(stats.spearmanr(flat.ravel(), space.ravel()).statistic)
+    assert agreement.pearson.value == pytest.approx(stats.pearsonr(flat.ravel(), space.ravel()).statistic)
     taus = [stats.kendalltau(flat[k].mean(1), space[k].mean(1)).statistic for k in range(3)]
-    assert told.order.value == pytest.approx(np.mean(taus))
+    assert agreement.order.value == pytest.approx(np.mean(taus))
     flat[:, 1], space[:, 2] = flat[:, 0], space[:, 3]
     tied = study.reduced(results(2, in_flat), results(3, in_space), draws=20)["psnr_db"]
     taus = [stats.kendalltau(flat[k].mean(1), space[k].mean(1)).statistic for k in range(3)]
@@ -75,17 +77,17 @@ def test_buildings_that_differ_correlate_without_telling_strategies_apart(rng):
     level = {"a": 0.0, "b": 20.0, "c": 40.0}
     noise = {dim: table(rng, (3, 4, 30))[1] for dim in (2, 3)}
     sides = [results(dim, lambda s, *rest, d=dim: level[s] + noise[d](s, *rest), seeds=range(30)) for dim in (2, 3)]
-    told = study.reduced(*sides, draws=200)["psnr_db"]
-    assert told.pearson.low > 0.97
-    assert told.order.low < 0 < told.order.high
+    agreement = study.reduced(*sides, draws=200)["psnr_db"]
+    assert agreement.pearson.low > 0.97
+    assert agreement.order.low < 0 < agreement.order.high
 
 
 def test_scores_that_have_nothing_in_common_hold_zero(rng):
     held = []
     for _ in range(20):
         sides = [results(dim, table(rng, (1, 4, 40))[1], "a", range(40)) for dim in (2, 3)]
-        told = study.reduced(*sides, rng, draws=100)["psnr_db"]
-        held.append([part.low < 0 < part.high for part in (told.spearman, told.pearson)])
+        agreement = study.reduced(*sides, rng, draws=100)["psnr_db"]
+        held.append([part.low < 0 < part.high for part in (agreement.spearman, agreement.pearson)])
     assert (np.mean(held, 0) >= 0.8).all()
 
 
@@ -93,11 +95,11 @@ def test_the_interval_of_a_correlation_is_that_of_fishers_transform(rng):
     both = rng.multivariate_normal([0, 0], [[1, 0.7], [0.7, 1]], 300)
     scores = [lambda scene, name, seed, k=k: both[seed, k] for k in (0, 1)]
     sides = [results(dim, score, "a", range(300), ["single"]) for dim, score in zip((2, 3), scores, strict=True)]
-    told = study.reduced(*sides, rng, draws=2000)["psnr_db"]
+    agreement = study.reduced(*sides, rng, draws=2000)["psnr_db"]
     middle = math.atanh(np.corrcoef(both.T)[0, 1])
     ends = np.tanh([middle - 1.96 / math.sqrt(297), middle + 1.96 / math.sqrt(297)])
-    assert_allclose([told.pearson.low, told.pearson.high], ends, atol=0.025)
-    assert np.isnan(told.order.value)  # one strategy has no order
+    assert_allclose([agreement.pearson.low, agreement.pearson.high], ends, atol=0.025)
+    assert np.isnan(agreement.order.value)  # one strategy has no order
 
 
 def test_what_is_missing_in_one_is_left_out_of_both(rng):
@@ -109,9 +111,9 @@ def test_what_is_missing_in_one_is_left_out_of_both(rng):
     space[1] = changed(space[1], lambda row: -row.psnr_db)
     flat[2] = dataclasses.replace(flat[2], rows=tuple(row for row in flat[2].rows if row.seed < 2))
     flat.append(dataclasses.replace(flat[0], scene="d"))
-    told = study.reduced(flat, space, draws=20)["psnr_db"]
-    assert (told.n_cells, told.n_units) == (16 - 5 + 16 + 8, 10)
-    assert told.order.value == pytest.approx((1 - 1 + 1) / 3)
+    agreement = study.reduced(flat, space, draws=20)["psnr_db"]
+    assert (agreement.n_cells, agreement.n_units) == (16 - 5 + 16 + 8, 10)
+    assert agreement.order.value == pytest.approx((1 - 1 + 1) / 3)
     one = study.reduced(results(2, score, "a", [0])[0], results(3, score, "a", [0])[0], draws=20)["psnr_db"]
     assert one.n_units == 1
     assert one.spearman.value == pytest.approx(1.0)

@@ -223,8 +223,8 @@ def exchange(
     """
     yield states
     while rounds > 0 and max(max(s.primal_residual, s.dual_residual) for s in states) >= tolerance:
-        heard = deliver([note for state in states for note in state.outbox])
-        states = [solver.step(state, heard.get(state.robot, {})) for state in states]
+        inboxes = deliver([note for state in states for note in state.outbox])
+        states = [solver.step(state, inboxes.get(state.robot, {})) for state in states]
         rounds -= 1
         yield states
 

@@ -14,14 +14,14 @@ from mannbv.course.check.verdict import AGREES, Fault, ask, exercise, judged, pl
 from mannbv.splats import SplatMap
 
 
-def _told(seed: int) -> tuple:
+def _information(seed: int) -> tuple:
     rng = np.random.default_rng(seed)
     numbers = [torch.from_numpy(rng.uniform(0.1, 2.0, shape)) for shape in ((6, 9), (6, 9), 6, 9)]
     acquired, prior, weights, damping = numbers
     return acquired, prior, weights, torch.arange(6) % 3 > 0, damping
 
 
-@exercise(cases=[_told(seed) for seed in range(3)])
+@exercise(cases=[_information(seed) for seed in range(3)])
 def gain(h, H, v, zone, d):
     """my_gain(acquired, prior, weights, selected, damping) → Eq. (15)."""
     w = v[:, None]
@@ -127,7 +127,7 @@ class _Hills:
         rng = np.random.default_rng(seed)
         self._centers, self._heights = rng.uniform(-math.pi, math.pi, 4), rng.uniform(0.3, 1.0, 4)
         self._ripple = rng.uniform(0, 6)
-        self.told: dict[float, float] = {}
+        self.answers: dict[float, float] = {}
         self.calls = 0
 
     def at(self, yaw):
@@ -138,7 +138,7 @@ class _Hills:
         if np.ndim(yaw):
             raise Fault("`gain_at` looks one way at a time: give it one yaw")
         self.calls += 1
-        return self.told.setdefault(float(yaw), float(self.at(float(yaw))))
+        return self.answers.setdefault(float(yaw), float(self.at(float(yaw))))
 
 
 def _best_of(gain_at: Callable, low: float, high: float, views: int) -> float:
@@ -169,7 +169,7 @@ def _climb(gain_at: Callable, budget: int) -> float:
         (lambda gain_at, budget: _best_of(gain_at, -3.1, 3.1, 360), "{calls} views, but only {budget} are allowed",
          lambda seen: seen.calls > seen.budget),
         (lambda gain_at, budget: gain_at(_two_looks(gain_at, budget - 1)),
-         "that is a gain; the yaw that has it is wanted", lambda seen: seen.new and seen.yaw in seen.told.values()),
+         "that is a gain; the yaw that has it is wanted", lambda seen: seen.new and seen.yaw in seen.answers.values()),
         (lambda gain_at, budget: int(np.argmax([gain_at(yaw) for yaw in np.linspace(0, 6, budget)])),
          "{yaw:.0f}: is that an index? The yaw itself is wanted, in radians",
          lambda seen: seen.new and seen.kind.startswith("int")),
@@ -193,9 +193,14 @@ def search(mine: Callable) -> SimpleNamespace:
     for seed in range(seen.n):
         hills = _Hills(seed)
         found = ask(mine, hills, seen.budget)
-        seen.kind, seen.shape, seen.calls, seen.told = type(found).__name__, plain(found).shape, hills.calls, hills.told
+        seen.kind, seen.shape, seen.calls, seen.answers = (
+            type(found).__name__,
+            plain(found).shape,
+            hills.calls,
+            hills.answers,
+        )
         seen.yaw = math.nan if seen.shape else float(found)
-        seen.new = seen.yaw not in seen.told
+        seen.new = seen.yaw not in seen.answers
         if not abs(seen.yaw) <= 4 * math.pi or seen.calls > seen.budget:
             return seen
         gains = hills.at(yaws)

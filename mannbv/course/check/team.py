@@ -19,9 +19,9 @@ def _robots(n: int, planning: int = 0) -> list[team.Robot]:
     local, nobody = mapping.LocalMap.empty(2, information.n_parameters(2)), team.Guests.none(2)
     places = np.stack([np.arange(float(n)), np.zeros(n)], 1)
     plans = [messages.Plan(k, 0, places[k] + 1.0, 0.1, places[k : k + 1].astype(np.float32)) for k in range(planning)]
-    heard = [{k: plans[k], **({0: plans[0]} if k == 1 else {})} if k < planning else {} for k in range(n)]
+    known = [{k: plans[k], **({0: plans[0]} if k == 1 else {})} if k < planning else {} for k in range(n)]
     return [
-        team.Robot(k, places[k], 0.0, places[k], local, ground, nobody, places[:1], plans=heard[k]) for k in range(n)
+        team.Robot(k, places[k], 0.0, places[k], local, ground, nobody, places[:1], plans=known[k]) for k in range(n)
     ]
 
 

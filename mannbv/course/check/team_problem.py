@@ -62,8 +62,8 @@ def _zones(n: int) -> tuple:
 
 def _gain(worth, zone):
     """The library's, of splats with one parameter of which nothing is known but a damping of 1."""
-    told = torch.from_numpy(worth)[:, None]
-    return float(information.gain(told, 0 * told, selected=torch.from_numpy(zone), damping=1.0))
+    acquired = torch.from_numpy(worth)[:, None]
+    return float(information.gain(acquired, 0 * acquired, selected=torch.from_numpy(zone), damping=1.0))
 
 
 @exercise(cases=[_zones(n) for n in (10, 20, 30)])
@@ -103,7 +103,7 @@ def look(mine: Callable) -> SimpleNamespace:
     if look.shape != (3,) or not np.isfinite(look).all():
         raise Fault(f"three finite numbers are wanted, x [m], y [m], yaw [rad]; got shape {look.shape}")
     x, y, yaw = look.tolist()
-    told = information.prior(splat, camera, [geometry.yaw_pose(torch.tensor([x, y]), yaw)])
-    beliefs = [objective.Belief(splat, torch.zeros_like(told))]
-    sides = objective.lower_bound(beliefs, camera, view, np.array([[2.5, 0.0]]), config, joint_priors=[told])
+    acquired = information.prior(splat, camera, [geometry.yaw_pose(torch.tensor([x, y]), yaw)])
+    beliefs = [objective.Belief(splat, torch.zeros_like(acquired))]
+    sides = objective.lower_bound(beliefs, camera, view, np.array([[2.5, 0.0]]), config, joint_priors=[acquired])
     return SimpleNamespace(factor=float(sides[0] / sides[1]), apart=math.hypot(x + 1.0, y))

@@ -198,12 +198,12 @@ def _gap(case: tuple, answer: np.ndarray, value: np.ndarray) -> str:
 def _place(mine: Callable, case: tuple, otherwise: str) -> str:
     """ "for mean = 0.4, std = 0.1" where the inputs are few numbers, so that they can be tried by hand."""
     try:
-        told, names = [_short(value) for value in case], list(inspect.signature(mine).parameters)
+        inputs, names = [_short(value) for value in case], list(inspect.signature(mine).parameters)
     except (Fault, TypeError, ValueError):
         return otherwise
-    if len(names) == len(told):
-        told = [f"{name} = {value}" for name, value in zip(names, told, strict=True)]
-    text = ", ".join(told)
+    if len(names) == len(inputs):
+        inputs = [f"{name} = {value}" for name, value in zip(names, inputs, strict=True)]
+    text = ", ".join(inputs)
     return f"for {text}" if 0 < len(text) <= 60 else otherwise
 
 
