@@ -59,7 +59,7 @@ def _view(seed: int) -> tuple:
 
 @exercise(cases=[_view(seed) for seed in range(3)])
 def gain(h, H, d):
-    """my_gain(acquired, prior, damping): Eq. (5) for diagonal matrices, the first two (n, 9), damping (9,); a number out."""
+    """my_gain(acquired, prior, damping): Eq. (5) for diagonal matrices (n, 9), damping (9,), a number out."""
     return {
         AGREES: information.gain(h, H, damping=d),
         "who knows more already gains less: what divides what?": ((H + d) / h).sum(),
