@@ -11,16 +11,21 @@ from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.geometry import Pose
 from mannbv.information import YawProfile
+from mannbv.information.gain import Options
 from mannbv.splats import SplatMap
 
 
 @dataclass(frozen=True)
 class Belief:
-    """What one robot may evaluate on: splats, the information about each (n, p), the ground it knows (or None)."""
+    """What one robot may evaluate on: splats, the information about each (n, p), the ground it knows (or None).
+
+    views: how many past views the prior tells of; it counts where "+λI" belongs to every view (`Config.damped`).
+    """
 
     splats: SplatMap
     prior: Float[Tensor, "n p"]
     ground: grid.Occupancy | None = None
+    views: int = 0
 
     @property
     def known(self) -> grid.Occupancy:
@@ -28,6 +33,22 @@ class Belief:
         if self.ground is None:
             raise ValueError("belief: this needs to know the ground; give Belief(…, ground=…)")
         return self.ground
+
+
+def gain_options(
+    belief: Belief,
+    config: Config,
+    weights: Float[Tensor, " n"] | None = None,
+    selected: Bool[Tensor, " n"] | None = None,
+) -> Options:
+    """What `information.gain` is given beside information: weights, selection, and how the config reads the prior."""
+    return {
+        "weights": weights,
+        "selected": selected,
+        "damping": information.damping(belief.splats.dim, config),
+        "weigh_prior": config.weighs == "both",
+        "literal_views": belief.views if config.damped == "views" else None,
+    }
 
 
 def shown(belief: Belief, camera: Camera, pose: Pose, config: Config, others: SplatMap | None = None) -> Tensor:
@@ -49,6 +70,6 @@ def profile(
     weights v and selection as in `information.gain`; without them the whole map counts, Eq. (5).
     """
     return information.yaw_profile(
-        belief.splats, camera, position, belief.prior, weights=weights, selected=selected,
-        damping=information.damping(belief.splats.dim, config), n_yaws=n_yaws or config.n_yaws, **config.noise,
+        belief.splats, camera, position, belief.prior, n_yaws=n_yaws or config.n_yaws,
+        **gain_options(belief, config, weights, selected), **config.noise,
     )  # fmt: skip

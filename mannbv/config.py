@@ -58,6 +58,11 @@ def _constant(default, unit: str, meaning: str, source: str = "chosen here"):
 
 
 _KINDS = {int: (numbers.Integral, "a whole number"), float: (numbers.Real, "a finite number"), str: (str, "a name")}
+_CHOICES = {
+    "moments": ("fresh", "kept"), "prior": ("recompute", "incremental"), "risk_from": ("body", "camera"),
+    "weighs": ("acquired", "both"), "damped": ("prior", "views"), "spread": ("largest", "along"),
+    "answers": ("gain", "gradient"),
+}  # fmt: skip
 _POSITIVE = frozenset([
     "image_width", "image_height", "fov", "max_depth", "step", "turn", "cell", "insert_spacing", "insert_scale",
     "sigma_color", "sigma_depth", "n_subgoals", "r_min", "beta1", "beta2", "gamma1", "risk_scale", "stride", "reach",
@@ -130,10 +135,17 @@ class Config:
     damping_opacity: float = _constant(0.25, "1", "λ for opacity logits: 2 before any view")
     damping_color: float = _constant(10.0, "1", "λ for colours: 0.3 before any view")
     prior: str = _constant("recompute", "", "information of past keyframes: recompute (on today's map) or incremental")
+    weighs: str = _constant(
+        "acquired", "", "what V̄ of Eq. (14) weighs: acquired information, or both, as Eq. (15) says"
+    )
+    damped: str = _constant("prior", "", "where λ enters: once, on the prior, or on all views, as Section III-B says")
     n_yaws: int = _constant(360, "1", "uniform yaws of a profile")
     # risk, Eqs. (6)-(9)
     measure: str = _constant("avar", "", "risk measure, a name in risk.MEASURES", "paper III-C")
     level: float = _constant(0.1, "1", "ε, the worst share of outcomes")
+    spread: str = _constant(
+        "largest", "", "σ of Eq. (8), where a splat is not round: largest, or along the line of sight"
+    )
     risk_opacity: float = _constant(0.0, "1", "fainter splats count for no risk")
     risk_from: str = _constant("body", "", "in 3-D, distances to splats are from the robot's body or from its camera")
     block_opacity: float = _constant(1.0, "1", "splats more opaque block cells that no depth has shown; 1: none does")
@@ -169,6 +181,8 @@ class Config:
     primal_rate: float = _constant(0.2, "rad²", "length of such a step")
     rounds: int = _constant(30, "1", "T_ADMM")
     tolerance: float = _constant(0.01, "rad", "agreement ends when both residuals are smaller")
+    answers: str = _constant("gain", "", "what a suggestion tells of the announced view: its gain, or its gradient too")
+    dense_gradient: int = _constant(1_000_000, "1", "splats times pixels up to which that gradient is exact")
     codec: str = _constant("json", "", "what messages are written in: json or binary", "paper VI-D: JSON")
     # sharing
     share_scale: float = _constant(0.0, "m", "splats with a larger std are not sent; 0: all are")
@@ -187,8 +201,13 @@ class Config:
             object.__setattr__(self, f.name, kind(value))  # numbers of numpy cannot be written as JSON
         if not 0 < self.level < 1:
             raise ValueError(f"config: level must lie strictly between 0 and 1, got {self.level}")
-        if self.risk_from not in ("body", "camera"):
-            raise ValueError(f"config: risk_from must be body or camera, got {self.risk_from}")
+        for name, choices in _CHOICES.items():
+            value = getattr(self, name)
+            if value not in choices:
+                meant = nearest([value], choices)
+                raise ValueError(
+                    f"config: {name} must be {' or '.join(choices)}, got {value}" + f"; {meant}" * bool(meant)
+                )
         for name in ("adam_beta1", "adam_beta2"):
             if not getattr(self, name) < 1:
                 raise ValueError(f"config: {name} must be below 1, got {getattr(self, name)}")

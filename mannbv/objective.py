@@ -1,5 +1,7 @@
 """What the team maximises: central, per-owner, local and team gains, Eqs. (17)-(24)."""
 
+import dataclasses
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +11,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from mannbv import consensus, information, mask, risk, splats
-from mannbv.belief import Belief, profile, shown
+from mannbv.belief import Belief, gain_options, profile, shown
 from mannbv.camera import Camera
 from mannbv.config import Config
 from mannbv.geometry import Pose
@@ -67,6 +69,18 @@ def local(
     return rows
 
 
+def gradient(belief: Belief, camera: Camera, pose: Pose, path: np.ndarray, config: Config) -> Float[Tensor, " t"]:
+    """∂I(T; Π_P|G_i; G_i)/∂T of one view, (d + d(d−1)/2,) in the twist of `Pose.moved`, which Section V-B returns.
+
+    Exact up to `dense_gradient` splats times pixels; beyond, `information.slopes` of the kernels, some percent off.
+    """
+    here, view = zone(belief, path, config), (belief.splats, camera, pose, belief.prior)
+    options = gain_options(belief, config, here.weights, here.selected)
+    if belief.splats.n_splats * math.prod(camera.shape) <= config.dense_gradient:
+        return information.gain_and_gradient(*view, noise=config.noise, **options)[1]
+    return information.slopes(*view, information.directions(pose, "pose"), noise=config.noise, **options)
+
+
 def per_owner(
     beliefs: list[Belief], zones: list[Zone], camera: Camera, pose: Pose, config: Config, joint_rendering: bool = False
 ) -> Float[Tensor, " robots"]:
@@ -79,8 +93,8 @@ def per_owner(
     for j, (belief, here) in enumerate(zip(beliefs, zones, strict=True)):
         rest = [b.splats for k, b in enumerate(beliefs) if k != j] if joint_rendering else []
         acquired = shown(belief, camera, pose, config, splats.union(*rest) if rest else None)
-        damping = information.damping(belief.splats.dim, config)
-        terms.append(information.gain(acquired, belief.prior, here.weights, here.selected, damping))
+        options = gain_options(belief, config, here.weights, here.selected)
+        terms.append(information.gain(acquired, belief.prior, **options))
     return torch.stack(terms)
 
 
@@ -116,11 +130,12 @@ def lower_bound(
     `own_weights`: robot j weighs with its own grid instead of the common one.
     """
     common = pooled(beliefs, config).ground
-    local = beliefs if own_weights else [Belief(b.splats, b.prior, common) for b in beliefs]
+    local = beliefs if own_weights else [dataclasses.replace(b, ground=common) for b in beliefs]
     distributed = per_owner(local, [zone(b, path, config) for b in local], camera, pose, config)
     blocks = beliefs
     if joint_priors is not None:
-        blocks = [Belief(b.splats, p, b.ground) for b, p in zip(beliefs, joint_priors, strict=True)]
+        views = sum(b.views for b in beliefs)
+        blocks = [dataclasses.replace(b, prior=p, views=views) for b, p in zip(beliefs, joint_priors, strict=True)]
     central = per_owner(blocks, central_zones(beliefs, path, config), camera, pose, config, joint_rendering)
     return distributed.sum().item(), central.sum().item()
 

@@ -27,8 +27,8 @@ class Route:
     gains: np.ndarray
 
     def ahead(self, distance: float) -> np.ndarray:
-        """The waypoints up to `distance` [m] along the route, at least the first."""
-        return self.waypoints[: int(np.searchsorted(lengths(self.waypoints), distance + 1e-9))]
+        """The waypoints up to `distance` [m] along the route, at least the first two, so that it is a way."""
+        return self.waypoints[: max(2, int(np.searchsorted(lengths(self.waypoints), distance + 1e-9)))]
 
 
 def lengths(path: np.ndarray) -> np.ndarray:

@@ -173,15 +173,15 @@ def along(
     points: ArrayLike,
     config: Config,
     posterior: Float[Tensor, "n d"] | None = None,
-    spread: str = "largest",
+    spread: str | None = None,
 ) -> Float[Tensor, " k"]:
     """α of a robot's waypoints (k, d) [m], all at the height of its camera, by the constants of `config`: `field` over
-    the splats `in_reach`; posterior and spread: as there.
+    the splats `in_reach`; posterior and spread: as there; None: the config's spread.
 
     In 3-D a robot is as tall as it is: a splat beside its body is as far away as the two are horizontally. With
     `risk_from` "camera" the distance is the paper's ‖μ − p‖, slantwise from the camera to low things.
     """
-    places = torch.as_tensor(points)
+    places, spread = torch.as_tensor(points), spread or config.spread
     if not len(places):
         return field(splat_map, places, config.level, config.measure, spread)
     near = in_reach(splat_map, places[0, 2:], config)

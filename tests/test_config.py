@@ -65,6 +65,15 @@ def test_numbers_of_numpy_are_numbers(unchecked):
         ("margin", -0.1, "margin must not be negative"),
         ("measure", 3, "measure must be a name"),
         ("measure", None, "measure must be a name"),
+        ("prior", "posterior", "prior must be recompute or incremental, got posterior$"),
+        ("moments", "eternal", "moments must be fresh or kept, got eternal$"),
+        ("risk_from", "bodies", r"risk_from must be body or camera, got bodies; did you mean body\?$"),
+        ("weighs", "boht", r"weighs must be acquired or both, got boht; did you mean both\?$"),
+        ("damped", "every view", "damped must be prior or views, got every view"),
+        ("spread", "widest", "spread must be largest or along, got widest"),
+        ("answers", "gradients", r"answers must be gain or gradient, got gradients; did you mean gradient\?$"),
+        ("adam_beta2", 1.0, "adam_beta2 must be below 1"),
+        ("evidence_pass", -0.4, "evidence_pass must not be negative"),
     ],
 )
 def test_impossible_constants_are_named(name, value, message, unchecked):
@@ -73,8 +82,8 @@ def test_impossible_constants_are_named(name, value, message, unchecked):
 
 
 def test_unknown_constants_are_named():
-    with pytest.raises(ValueError, match="no constant is called alpha, speed; see"):
-        Config().replace(speed=1.0, alpha=2.0)
+    with pytest.raises(ValueError, match="no constant is called alpha, vim; see"):
+        Config().replace(vim=1.0, alpha=2.0)
     for wrong in (lambda: Config(penality=1.0), lambda: Config().replace(penality=1.0)):
         with pytest.raises(ValueError, match=r"^config: no constant is called penality; did you mean penalty\?$"):
             wrong()

@@ -105,7 +105,6 @@ def test_robots_reach_their_goals_and_the_scores_hold_together():
         ({"seed": -1}, "seed"),
         ({"seed": 1.5}, "seed must be a whole number from 0, got 1.5"),
         ({"seed": "one"}, "seed"),
-        ({"config": SMALL.replace(prior="posterior")}, "no prior is called 'posterior'; choose one of recompute,"),
         ({"config": SMALL.replace(network="web")}, "web"),
         ({"config": SMALL.replace(solver="dice", max_cycles=1)}, "dice"),
         ({"config": SMALL.replace(measure="luck", max_cycles=1)}, "luck"),

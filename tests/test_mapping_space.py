@@ -182,11 +182,6 @@ def test_a_kept_memory_moves_only_what_is_seen(dim):
             assert torch.equal(seen.splats.opacity_logits[behind], after.opacity_logits[behind])
 
 
-def test_an_unknown_memory_is_refused():
-    with pytest.raises(ValueError, match="no moments are called 'eternal'; choose fresh or kept"):
-        mapped(2, walk(2, 1), SPACE.replace(moments="eternal"))
-
-
 # ---- files ----------------------------------------------------------------------------------------------------------
 
 

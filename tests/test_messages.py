@@ -32,6 +32,7 @@ def one_of_each(rng, dim=2, n=7):
     return [
         Plan(3, 12, rng.normal(size=dim), -np.pi, rng.normal(size=(11, dim)).astype(np.float32)),
         Suggestion(3, 12, target=0, yaw=0.1 + 0.2, gain=1e-300, announced_gain=1 / 3, largest=2.5e7),
+        Suggestion(3, 12, 0, 0.5, 7.0, 6.0, 7.0, gradient=rng.normal(size=dim * (dim + 1) // 2)),
         Copies(3, 12, round=29, offsets=np.array([0.0, -0.0, 1 / 3, 1e-17, -123456.789])),
         Profile(3, 12, 1, *reversed(consensus.quantise(rng.uniform(size=90)))),
         Splats(3, 12, random_map(rng, n, dim), ids, rng.exponential(size=(n, 9 if dim == 2 else 13))),
@@ -50,7 +51,7 @@ def leaves(message):
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("codec", CODECS)
-@pytest.mark.parametrize("kind", range(6))
+@pytest.mark.parametrize("kind", range(7))
 def test_every_kind_comes_back_to_the_bit(kind, codec, dim):
     sent = one_of_each(np.random.default_rng(0), dim)[kind]
     got = messages.decode(messages.encode(sent, codec))
@@ -103,6 +104,19 @@ def test_the_binary_layout_is_the_documented_one():
     packed = zlib.compress(bytes([0b10_10_01_00, 0b01_10]), 6)
     data = messages.encode(Grid(1, 2, [0, 0], 0.05, states), "binary")
     assert data.endswith(struct.pack("<III", 2, 3, len(packed)) + packed)
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_a_gradient_is_written_only_where_there_is_one(codec):
+    plain, more = Suggestion(1, 2, 0, 0.5, 3.0, 2.0, 3.0), Suggestion(1, 2, 0, 0.5, 3.0, 2.0, 3.0, [1.5, -2.0, 0.25])
+    sizes = {"json": (108, 108 + len(',"gradient":[1.5,-2.0,0.25]')), "binary": (44, 44 + 4 + 3 * 8)}[codec]
+    data = [messages.encode(message, codec) for message in (plain, more)]
+    assert tuple(map(len, data)) == sizes
+    assert messages.decode(data[0]).gradient.tolist() == []
+    assert messages.decode(data[1]).gradient.tolist() == [1.5, -2.0, 0.25]
+    for end in range(len(data[1])):  # the flag of the longer form stands at its beginning
+        with pytest.raises(ValueError, match="that are no message"):
+            messages.decode(data[1][:end])
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -188,7 +202,7 @@ def test_junk_is_refused_in_one_line(data, words):
 
 
 @pytest.mark.parametrize("codec", CODECS)
-@pytest.mark.parametrize("kind", range(6))
+@pytest.mark.parametrize("kind", range(7))
 def test_no_truncation_and_no_flipped_byte_does_more_than_raise_value_error(kind, codec):
     rng = np.random.default_rng(6)
     data = messages.encode(one_of_each(rng, n=2)[kind], codec)

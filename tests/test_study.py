@@ -274,7 +274,6 @@ def test_a_damaged_run_is_named(tmp_path):
         ({"strategies": []}, "no strategy is given"),
         ({"seeds": 0}, "at least one seed"),
         ({"seeds": [3, -1]}, "none below 0"),
-        ({"config": TINY.replace(prior="posterior")}, "no prior is called 'posterior'"),
         ({"workers": -1}, "workers must be 0"),
     ],
 )

@@ -17,8 +17,6 @@ from mannbv.messages import Ledger, Mailbox
 from mannbv.metrics import Row
 from mannbv.team import Mission, Robot
 
-PRIORS = ("recompute", "incremental")
-
 
 def run(
     scene: world.World | str | Path,
@@ -43,8 +41,6 @@ def run(
         if isinstance(value, bool) or not isinstance(value, numbers.Integral) or value < least:
             raise ValueError(f"episode: the {name} must be a whole number from {least}, got {value!r}")
     seed, n_robots = int(seed), int(n_robots)
-    if config.prior not in PRIORS:
-        raise ValueError(f"episode: no prior is called '{config.prior}'; choose one of {', '.join(PRIORS)}")
     place = scene if isinstance(scene, world.World) else world.load(scene)
     place = draw_team(place, n_robots, seed, config)
     camera = Camera.of_dim(place.dim, config.image_width, config.image_height, config.fov)

@@ -7,7 +7,7 @@ opacity logit (1), colour (3): 9 in flatland, 13 in 3-D.
 from mannbv.information.fisher import blocks, fisher, n_parameters, prior
 from mannbv.information.gain import damping, gain, gain_and_gradient, gain_and_slope, mean_variances, view_gain
 from mannbv.information.profile import YawProfile, uniform_yaws, yaw_profile
-from mannbv.information.views import FREEDOMS, View, best_view, directions
+from mannbv.information.views import FREEDOMS, View, best_view, directions, slopes
 
 __all__ = [
     "FREEDOMS",
@@ -24,6 +24,7 @@ __all__ = [
     "mean_variances",
     "n_parameters",
     "prior",
+    "slopes",
     "uniform_yaws",
     "view_gain",
     "yaw_profile",

@@ -46,14 +46,33 @@ def _dim_of(prior: Tensor) -> int:
     return dims[prior.shape[1]]
 
 
-def worth_of(prior: Tensor, weights: ArrayLike | None, selected: ArrayLike | None, damping: ArrayLike | None) -> Tensor:
-    """v / (H + λ) for every parameter (n, p), zero outside the selection."""
-    damping = default_damping(prior) if damping is None else damping
+def worth_of(
+    prior: Tensor,
+    weights: ArrayLike | None,
+    selected: ArrayLike | None,
+    damping: ArrayLike | None,
+    weigh_prior: bool = False,
+    literal_views: int | None = None,
+) -> Tensor:
+    """v / (H + λ) for every parameter (n, p), zero outside the selection; arguments as in `gain`."""
+    damping = torch.as_tensor(default_damping(prior) if damping is None else damping).to(prior)
+    prior, weights = _literal(prior, weights, damping, weigh_prior, literal_views)
     value = _value_of(prior, weights, selected)
-    denominator = prior + torch.as_tensor(damping).to(prior)
+    denominator = prior + damping
     if not bool((denominator > 0).all()):
         raise ValueError("gain: prior + damping must be positive; give a damping above 0 for splats never seen")
     return value[:, None] / denominator
+
+
+def _literal(
+    prior: Tensor, weights: ArrayLike | None, damping: Tensor, weigh_prior: bool, literal_views: int | None
+) -> tuple[Tensor, ArrayLike | None]:
+    """Prior and weights as the paper's literal forms have them, where `gain` is asked for those."""
+    if literal_views is not None:
+        prior = prior + (literal_views - 1) * damping
+    if weigh_prior and weights is not None:
+        weights = (torch.as_tensor(weights) > 0).to(prior)  # v / v
+    return prior, weights
 
 
 def _value_of(prior: Tensor, weights: ArrayLike | None, selected: ArrayLike | None) -> Tensor:
@@ -140,14 +159,13 @@ def gain(
     if prior.ndim == 3:
         damping = torch.diag_embed(damping.expand(prior.shape[1]))
     if literal_views is not None:
-        acquired, prior = acquired + damping, prior + (literal_views - 1) * damping
-    if weigh_prior and weights is not None:
-        weights = (torch.as_tensor(weights) > 0).to(prior)  # v / v
+        acquired = acquired + damping
     if prior.ndim == 3:
-        value = _value_of(prior, weights, selected)
+        prior, counted = _literal(prior, weights, damping, weigh_prior, literal_views)
+        value = _value_of(prior, counted, selected)
         counts = (value != 0) & acquired.detach().flatten(1).any(1)
         return (value[counts] * _traces(acquired[counts], prior[counts], damping)).sum()
-    return (acquired * worth_of(prior, weights, selected, damping)).sum()
+    return (acquired * worth_of(prior, weights, selected, damping, weigh_prior, literal_views)).sum()
 
 
 def view_gain(
@@ -161,7 +179,7 @@ def view_gain(
 ) -> Tensor:
     """Gain of the view from `pose`, a scalar tensor. The prior says which information is meant: `fisher` or `blocks`.
 
-    noise: sigma_color, sigma_depth of `fisher`. options: weights, selected, damping as in `gain`.
+    noise: sigma_color, sigma_depth of `fisher`. options: weights, selected, damping and the literal forms as in `gain`.
     """
     look = blocks if prior.ndim == 3 else fisher
     return gain(look(splat_map, camera, pose, others, **(noise or _DEFAULT.noise)), prior, **options)

@@ -15,7 +15,7 @@ from mannbv.camera import Camera
 from mannbv.config import Config, Noise
 from mannbv.geometry import Pose
 from mannbv.information.fisher import n_parameters
-from mannbv.information.gain import view_gain, worth_of
+from mannbv.information.gain import gain, view_gain, worth_of
 from mannbv.render import panorama
 from mannbv.splats import SplatMap
 
@@ -72,6 +72,8 @@ def yaw_profile(
     sigma_color: float = _DEFAULT.sigma_color,
     sigma_depth: float = _DEFAULT.sigma_depth,
     pitch: float = 0.0,
+    weigh_prior: bool = False,
+    literal_views: int | None = None,
 ) -> YawProfile:
     """Gain (15) of all yaws at `position` (d,) [m], and in 3-D at a fixed `pitch` [rad], upwards; arguments as in
     `fisher` and `gain`.
@@ -103,9 +105,10 @@ def yaw_profile(
         rows = f"{len(prior)} rows of prior for {splat_map.n_splats} splats"
         raise ValueError(f"yaw_profile: needs a row a splat and at least one yaw, got {rows} and {n_yaws} yaws")
     yaws = uniform_yaws(n_yaws)
+    options = {"weights": weights, "selected": selected, "damping": damping}
+    options |= {"weigh_prior": weigh_prior, "literal_views": literal_views}
     if method == "views" or not served:
         noise = Noise(sigma_color=sigma_color, sigma_depth=sigma_depth)
-        options = {"weights": weights, "selected": selected, "damping": damping}
 
         def look(yaw: float) -> tuple[float, float]:
             angle = torch.tensor(float(yaw), dtype=splat_map.means.dtype, requires_grad=torch.is_grad_enabled())
@@ -116,7 +119,8 @@ def yaw_profile(
 
         with torch.no_grad():
             return YawProfile(yaws, np.array([look(yaw)[0] for yaw in yaws]), look)
-    worth = worth_of(prior, weights, selected, damping)
+    worth = worth_of(prior, **options)
+    still = gain(torch.zeros_like(prior), prior, **options).item()  # what "+λI" gains in a view of nothing
     if others is not None:
         worth = torch.cat([worth, torch.zeros(others.n_splats, worth.shape[1]).to(worth)])
         splat_map = splats.union(splat_map, others)
@@ -126,10 +130,12 @@ def yaw_profile(
     def evaluate(yaw: float) -> tuple[float, float]:
         angle = np.array([float(yaw)])
         (seen, rates), (turn, turn_rate) = around.read(angle), _axis_terms(angle, up)
-        return max(float((seen * turn).sum()), 0.0), float((rates * turn + seen * turn_rate).sum())
+        return still + max(float((seen * turn).sum()), 0.0), float((rates * turn + seen * turn_rate).sum())
 
     gains = (around.uniform(n_yaws) * _axis_terms(yaws, up)[0]).sum(0)
-    return YawProfile(yaws, np.maximum(gains, 0.0), evaluate)  # what lies between columns may dip a hair below zero
+    return YawProfile(
+        yaws, still + np.maximum(gains, 0.0), evaluate
+    )  # what lies between columns may dip a hair below zero
 
 
 def _view(position, yaw, pitch: float, camera: Camera) -> Pose:

@@ -75,6 +75,32 @@ def _held(pose: Pose, center: Tensor, radius: float, pitch: tuple[float, float])
 
 
 @torch.no_grad()
+def slopes(
+    splat_map: SplatMap,
+    camera: Camera,
+    pose: Pose,
+    prior: Tensor,
+    rows: Float[Tensor, "k t"],
+    others: SplatMap | None = None,
+    noise: Noise | None = None,
+    **options: Unpack[Options],
+) -> Float[Tensor, " k"]:
+    """How the gain of the view from `pose` changes along twists `rows` (k, t) of `Pose.moved` [1/m, 1/rad].
+
+    Other arguments as in `view_gain`. Exact where the dense twin renders; where a kernel does, differences of two
+    gains, 2 mm or 2 mrad apart.
+    """
+    look = splat_map, camera
+    if render.engine("auto", splat_map) is None:
+        return rows @ gain_and_gradient(*look, pose, prior, others, noise, **options)[1].to(rows)
+    ahead, back = (
+        torch.stack([view_gain(*look, pose.moved(side * row), prior, others, noise, **options) for row in rows])
+        for side in (_NUDGE, -_NUDGE)
+    )
+    return (ahead.to(rows) - back.to(rows)) / (2 * _NUDGE)
+
+
+@torch.no_grad()
 def best_view(
     splat_map: SplatMap,
     camera: Camera,
@@ -95,10 +121,9 @@ def best_view(
     First `n_yaws` views around the vertical, with pitch as many halfway to each of its limits; then, from the
     `leads` highest peaks, up to `rounds` steps of gradient ascent with backtracking along `directions`: of the yaw,
     then of each further freedom asked for. The position stays within `radius` [m] of the start's, the elevation
-    within `pitch` [rad]. Other arguments as in `view_gain`: blocks as a prior make a gain of blocks. Slopes are
-    exact where the dense twin renders; where a kernel does, they are differences of two gains, 2 mm or 2 mrad
-    apart. Where splats are nearer than the radius there are many hills, and the highest may be missed. Raises
-    ValueError for limits that the start itself does not keep.
+    within `pitch` [rad]. Other arguments as in `view_gain`: blocks as a prior make a gain of blocks. Where splats are
+    nearer than the radius there are many hills, and the highest may be missed. Raises ValueError for limits that the
+    start itself does not keep.
     """
     render.check(splat_map, camera, start)
     here = start.to(torch.zeros(0, dtype=torch.float64))
@@ -114,17 +139,11 @@ def best_view(
     def value(pose: Pose) -> float:
         return view_gain(splat_map, camera, pose, prior, others, noise, **options).item()
 
-    def slopes(pose: Pose, rows: Tensor) -> Tensor:
-        if render.engine("auto", splat_map) is None:
-            return rows @ gain_and_gradient(splat_map, camera, pose, prior, others, noise, **options)[1].to(rows)
-        ahead, back = ([value(pose.moved(side * row)) for row in rows] for side in (_NUDGE, -_NUDGE))
-        return (torch.tensor(ahead).to(rows) - torch.tensor(back).to(rows)) / (2 * _NUDGE)
-
     def ascend(pose: Pose, height: float, freedom: str) -> View:
         shortest, length, longest = _STEPS
         for _ in range(rounds):
             rows = directions(pose, freedom)
-            climb = slopes(pose, rows)
+            climb = slopes(splat_map, camera, pose, prior, rows, others, noise, **options)
             steep = torch.linalg.norm(climb)
             if not steep > 0:
                 break

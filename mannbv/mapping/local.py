@@ -69,10 +69,7 @@ def observe(local: LocalMap, camera: Camera, frame: Frame, config: Config, rng: 
     """A robot's map after one more keyframe: insert, fit on a window, densify half way, prune.
 
     The same map, frame and random generator give the same bits, whether the map comes from memory or from a file.
-    Raises ValueError for an unknown `config.moments`.
     """
-    if config.moments not in ("fresh", "kept"):
-        raise ValueError(f"mapping: no moments are called '{config.moments}'; choose fresh or kept")
     local = local.replace(keyframes=(*local.keyframes, frame), moments=_memory(local, config))
     local = local.grown(newborn(camera, frame, unexplained(local.splats, camera, frame, config), config))
     frames, steps = window(local.keyframes, config, rng), config.fit_steps

@@ -1,9 +1,10 @@
 """Messages to bytes and back: JSON, as in the paper, and a compact binary form. Nothing received is ever executed.
 
-Binary, little-endian: b"mb", version (1 B), kind (1 B, its place in KINDS), then the fields in order. A scalar is its
-number; an array its lengths (4 B an axis), then its numbers; a Grid's states are two lengths, the number of
-compressed bytes (4 B), and those. JSON: an object with "kind" and the fields; decimals that read back to the same
-bits, or {"shape", "base64"} for splats, ids, priors and grids. Sizes are checked before anything is allocated.
+Binary, little-endian: b"mb", version (1 B), kind (1 B, its place in KINDS, and 128 more where an optional field is
+there), then the fields in order. A scalar is its number; an array its lengths (4 B an axis), then its numbers; a
+Grid's states are two lengths, the number of compressed bytes (4 B), and those. JSON: an object with "kind" and the
+fields; decimals that read back to the same bits, or {"shape", "base64"} for splats, ids, priors and grids. Sizes are
+checked before anything is allocated.
 """
 
 import base64
@@ -14,11 +15,12 @@ import zlib
 import numpy as np
 
 from mannbv import archive
-from mannbv.messages.kinds import KINDS, Grid, Layout, Message, layout, splat_map, splat_rows
+from mannbv.messages.kinds import KINDS, Grid, Layout, Message, layout, sent, splat_map, splat_rows
 
 CODECS = ("json", "binary")
 _MAGIC = b"mb\x01"
 _MAX_CELLS = 1 << 26
+_MORE = 128
 _PLACES = np.array([0, 2, 4, 6], np.uint8)  # of four cells in a byte
 
 
@@ -26,7 +28,7 @@ def encode(message: Message, codec: str = "json") -> bytes:
     """A message as bytes. Raises ValueError for an unknown codec."""
     if codec not in CODECS:
         raise ValueError(f"messages: no codec is called '{codec}'; choose one of {', '.join(CODECS)}")
-    values = {name: getattr(message, name) for name in layout(message)}
+    values = {name: getattr(message, name) for name in sent(message)}
     if "splats" in values:
         values["splats"] = splat_rows(values["splats"])
     return _to_json(message, values) if codec == "json" else _to_binary(message, values)
@@ -68,8 +70,9 @@ def _unpack(packed: bytes, shape) -> np.ndarray:
 
 
 def _to_binary(message: Message, values: dict) -> bytes:
-    parts = [_MAGIC, bytes([KINDS.index(type(message))])]
-    for name, wire in layout(message).items():
+    wires = sent(message)
+    parts = [_MAGIC, bytes([KINDS.index(type(message)) + _MORE * any(wire.optional for wire in wires.values())])]
+    for name, wire in wires.items():
         value = np.asarray(values[name], wire.dtype)
         if wire.axes:
             parts.append(struct.pack(f"<{wire.axes}I", *value.shape))
@@ -82,10 +85,12 @@ def _to_binary(message: Message, values: dict) -> bytes:
 
 
 def _from_binary(data: bytes) -> tuple[type, dict]:
-    if len(data) < 4 or data[3] >= len(KINDS):
+    if len(data) < 4 or data[3] % _MORE >= len(KINDS):
         raise ValueError("unknown kind")
-    kind, at, values = KINDS[data[3]], 4, {}
+    kind, at, values = KINDS[data[3] % _MORE], 4, {}
     for name, wire in layout(kind).items():
+        if wire.optional and data[3] < _MORE:
+            continue
         dtype = np.dtype(wire.dtype)
         shape = struct.unpack_from(f"<{wire.axes}I", data, at)
         at += 4 * wire.axes
@@ -109,7 +114,7 @@ def _from_binary(data: bytes) -> tuple[type, dict]:
 
 def _to_json(message: Message, values: dict) -> bytes:
     record: dict[str, object] = {"kind": type(message).__name__}
-    for name, wire in layout(message).items():
+    for name, wire in sent(message).items():
         value = np.asarray(values[name], wire.dtype)
         if wire.raw:
             body = _pack(value) if isinstance(message, Grid) else value.tobytes()
@@ -131,9 +136,9 @@ def _from_json(data: bytes) -> tuple[type, dict]:
         raise ValueError(f"expected an object whose kind is one of {', '.join(kinds)}")
     kind = kinds[record.pop("kind")]
     wires = layout(kind)
-    if set(record) != set(wires):
+    if not {name for name, wire in wires.items() if not wire.optional} <= record.keys() <= wires.keys():
         raise ValueError(f"a {kind.__name__} has the fields {', '.join(wires)}; got {', '.join(record)}")
-    return kind, {name: _json_field(kind, name, wire, record[name]) for name, wire in wires.items()}
+    return kind, {name: _json_field(kind, name, wire, record[name]) for name, wire in wires.items() if name in record}
 
 
 def _json_field(kind: type, name: str, wire: Layout, value):

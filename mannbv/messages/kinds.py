@@ -30,15 +30,23 @@ class Layout:
     axes: int = 0  # 0: a scalar
     raw: bool = False  # JSON writes base64 instead of decimals
     tensor: bool = False  # in memory a torch tensor
+    optional: bool = False  # a last field, left out where it is empty
 
 
-def _wire(dtype: str, axes: int = 0, raw: bool = False, tensor: bool = False) -> dict[str, Layout]:
-    return {"wire": Layout(dtype, axes, raw, tensor)}
+def _wire(
+    dtype: str, axes: int = 0, raw: bool = False, tensor: bool = False, optional: bool = False
+) -> dict[str, Layout]:
+    return {"wire": Layout(dtype, axes, raw, tensor, optional)}
 
 
 def layout(kind: "Message | type[Message]") -> dict[str, Layout]:
     """Field name → layout of a kind or message, in the order on the wire."""
     return {f.name: f.metadata["wire"] for f in fields(kind)}
+
+
+def sent(message: "Message") -> dict[str, Layout]:
+    """`layout` of the fields that are written."""
+    return {name: w for name, w in layout(message).items() if not w.optional or len(getattr(message, name))}
 
 
 def _fault(message: "Message", what: str) -> ValueError:
@@ -120,7 +128,10 @@ class Plan(Message):
 @no_type_check
 @dataclass(frozen=True, eq=False)
 class Suggestion(Message):
-    """What robot `robot`'s map says of robot `target`'s view, Eq. (23): its best yaw and two gains."""
+    """What robot `robot`'s map says of robot `target`'s view, Eq. (23): its best yaw and two gains, and a gradient.
+
+    Section V-B returns "the scalar EIG and its gradient with respect to T_i"; the gradient is sent where a config asks.
+    """
 
     target: int = field(metadata=_wire("<u2"))
     yaw: float = field(metadata=_wire("<f8"))  # argmax f_ik [rad]
@@ -128,6 +139,8 @@ class Suggestion(Message):
     announced_gain: float = field(metadata=_wire("<f8"))  # at the announced yaw
     # the sender's largest gain over all the views it evaluates: the largest of all robots' scales the objectives
     largest: float = field(metadata=_wire("<f8"), default=0.0)
+    # of the gain at the announced view by its pose, (d + d(d−1)/2,) in the twist of `Pose.moved` [1/m, 1/rad]
+    gradient: np.ndarray | tuple[()] = field(metadata=_wire("<f8", 1, optional=True), default=())
 
 
 @no_type_check

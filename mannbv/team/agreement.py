@@ -3,8 +3,9 @@
 from collections.abc import Iterable
 
 import numpy as np
+import torch
 
-from mannbv import consensus, messages, network
+from mannbv import consensus, geometry, messages, network, objective
 from mannbv.messages import Letter, Mailbox
 from mannbv.team.exchange import each, exchange
 from mannbv.team.robots import Choice, Mission, Robot
@@ -33,7 +34,15 @@ def suggest(robot: Robot, mission: Mission) -> Iterable[Letter]:
         if k != robot.index and (to_all or row.max() > 0):
             told = consensus.interpolate(row, [robot.plans[k].yaw])[0] if k in robot.plans else 0.0
             best = best_yaw(row), float(row.max())
-            yield k, messages.Suggestion(robot.index, robot.cycle, k, *best, float(told), float(gains.max()))
+            more = gradient(robot, mission, k) if mission.config.answers == "gradient" and k in robot.plans else ()
+            yield k, messages.Suggestion(robot.index, robot.cycle, k, *best, float(told), float(gains.max()), more)
+
+
+def gradient(robot: Robot, mission: Mission, k: int) -> np.ndarray:
+    """Of the gain of robot k's announced view on this robot's map, by its pose (Section V-B)."""
+    plan = robot.plans[k]
+    pose = geometry.yaw_pose(torch.from_numpy(plan.position), plan.yaw)
+    return objective.gradient(robot.belief(mission.config), mission.camera, pose, plan.path, mission.config).numpy()
 
 
 def send_copies(robot: Robot, mission: Mission) -> Iterable[Letter]:

@@ -81,7 +81,8 @@ def _forecast(robot: Robot, config: Config) -> tuple[tuple, tuple]:
         return (), ()
     belief = robot.belief()
     path = torch.from_numpy(np.asarray(robot.plans[robot.index].path))
-    posterior = information.mean_variances(belief.prior, information.damping(belief.splats.dim, config))
+    times = belief.views if config.damped == "views" else 1
+    posterior = information.mean_variances(belief.prior, times * information.damping(belief.splats.dim, config))
     own, inflated = (risk.along(belief.splats, path, config, wider) for wider in (None, posterior))
     return _known(own), _known(inflated)
 

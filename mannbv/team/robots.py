@@ -175,7 +175,7 @@ class Robot:
         if config.block_opacity < 1:
             solid = risk.in_reach(both, self.position[2:], config) & (both.opacities > config.block_opacity)
             ground = ground.blocked(both.means[solid].numpy(), config)
-        return Belief(both, torch.cat([self.local.prior, self.guests.prior]), ground)
+        return Belief(both, torch.cat([self.local.prior, self.guests.prior]), ground, len(self.local.keyframes))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,9 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from mannbv import consensus, geometry, messages, objective
+from mannbv import consensus, geometry, information, messages, objective
+from mannbv.config import Config
+from mannbv.mapping import LocalMap
 from mannbv.messages import Letter, Mailbox
 from mannbv.team.exchange import Hear, Phase, exchange, hear
 from mannbv.team.robots import Mission, Robot
@@ -51,12 +53,19 @@ def send_guests(robot: Robot, mission: Mission) -> Iterable[Letter]:
 def send_map(robot: Robot, mission: Mission) -> Iterable[Letter]:
     """centralized: its map, so that everyone holds ⊔ G_i, Eq. (16); in 3-D but for what is too wide to be worth it."""
     fit = robot.local.select(worth_sharing(robot, mission))
-    yield None, messages.Splats(robot.index, robot.cycle, fit.splats, fit.ids, fit.prior, whole=1)
+    yield None, messages.Splats(robot.index, robot.cycle, fit.splats, fit.ids, known(fit, mission.config), whole=1)
 
 
 def send_grid(robot: Robot, mission: Mission) -> Iterable[Letter]:
     """centralized: what it knows of the ground."""
     yield None, messages.Grid.of(robot.index, robot.cycle, robot.ground)
+
+
+def known(local: LocalMap, config: Config) -> Float[Tensor, "n p"]:
+    """What a robot's views tell of its splats, as it is sent: where "+λI" belongs to every view, with that."""
+    if config.damped == "prior":
+        return local.prior
+    return local.prior + len(local.keyframes) * information.damping(local.splats.dim, config)
 
 
 def worth_sharing(robot: Robot, mission: Mission) -> Bool[Tensor, " n"]:
@@ -79,7 +88,7 @@ def view_cone(robot: Robot, mission: Mission, position: np.ndarray, yaw: float) 
     order = torch.argsort(torch.linalg.norm(seen[rows], dim=1), stable=True)
     rows = rows[order[: mission.config.guest_splats]]
     part = local.splats.select(rows)
-    return messages.Splats(robot.index, robot.cycle, part, local.ids[rows], local.prior[rows])
+    return messages.Splats(robot.index, robot.cycle, part, local.ids[rows], known(local, mission.config)[rows])
 
 
 def best_yaw(gains: Float[np.ndarray, " yaws"]) -> float:

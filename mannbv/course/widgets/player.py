@@ -63,7 +63,7 @@ def _picture(playback: Playback, cycle, robot, layer, chart, probe):
     time, number = cycle, min(int(cycle + 1e-6), len(playback.cycles) - 1)  # sliders add up 0.05
     log, belief, config = playback.log(number, robot), playback.belief(number, robot), playback.last.config
     spot = planner.raised(np.array(probe)[None], playback.last.robots[robot].position[2:])
-    alpha = float(risk.field(belief.splats, torch.from_numpy(spot), config.level, config.measure)[0])
+    alpha = float(risk.field(belief.splats, torch.from_numpy(spot), config.level, config.measure, config.spread)[0])
     clear = float(playback.place.ground.clearance(spot)[0])
     panels = [
         _place(playback, time, number, robot, layer, probe, alpha, clear),

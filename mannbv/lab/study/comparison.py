@@ -120,7 +120,6 @@ def check(place: World, strategies: list[str], seeds: list[int], n_robots: int, 
         ("measure", risk.MEASURES, config.measure),
         ("network", network.GRAPHS, config.network),
         ("codec", messages.CODECS, config.codec),
-        ("prior", episode.PRIORS, config.prior),
     ]:
         if name not in known:
             raise StudyError(f"compare: no {what} is called '{name}'; choose one of {', '.join(known)}")

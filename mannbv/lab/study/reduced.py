@@ -192,7 +192,7 @@ class _Mapper:
         """Of all yaws at a place, within the mask of a path; None where the map has nothing there."""
         poses = [frame.pose for frame in self.local.keyframes]
         prior = information.prior(self.local.splats, self.camera, poses, **self.config.noise)
-        belief = Belief(self.local.splats, prior, ground)
+        belief = Belief(self.local.splats, prior, ground, len(poses))
         profile = objective.served(belief, self.camera, place, path, self.config)
         return None if profile is None or not profile.gains.any() else profile.gains
 
