@@ -6,7 +6,7 @@ import torch
 from helpers import camera_for, random_map, random_pose, shifted
 from numpy.testing import assert_allclose
 
-from mannbv import geometry, render
+from mannbv import geometry, information, render
 from mannbv.render import flat
 from mannbv.splats import SplatMap
 
@@ -219,3 +219,20 @@ def test_the_kernel_serves_only_what_it_can(rng):
         with pytest.raises(ValueError, match="render: the kernel serves"):
             render.render(splat_map, camera, view, "tiled")
         assert render.render(splat_map, camera, view).color.shape == (*camera.shape, 3)  # auto falls back
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("field", range(5))
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_the_twin_refuses_what_the_kernels_refuse(dim, field, bad, rng):
+    """In the same words, for images and for information; it used to draw NaN."""
+    parts = [part.clone() for part in random_map(rng, 6, dim, torch.float32).tensors()]
+    parts[field].view(-1)[-1] = bad
+    splat_map, camera, pose = SplatMap(*parts), camera_for(dim, 8), random_pose(rng, dim)
+    words = set()
+    for look in (render.render, information.fisher, information.blocks):
+        for method in ("tiled", "dense"):
+            with pytest.raises(ValueError, match="hold nan or infinity") as caught:
+                look(splat_map, camera, pose, method=method)
+            words.add(str(caught.value))
+    assert len(words) == 1

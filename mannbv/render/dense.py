@@ -11,7 +11,7 @@ from torch import Tensor
 from mannbv import geometry
 from mannbv.camera import LOW_PASS, NEAR, Camera
 from mannbv.geometry import Pose
-from mannbv.kernels.flat.row import MAX_BLEND
+from mannbv.render.limits import MAX_BLEND, refuse
 from mannbv.splats import SplatMap
 
 _REACH = 13.0  # standard deviations past which exp(−x²/2) vanishes even in float32
@@ -80,8 +80,9 @@ def check(splat_map: SplatMap, camera: Camera, pose: Pose) -> None:
 
 
 def compose(splat_map: SplatMap, camera: Camera, pose: Pose) -> Composite:
-    """Project the splats and composite them along every pixel's ray."""
+    """Project the splats and composite them along every pixel's ray. Raises ValueError for what cannot be drawn."""
     check(splat_map, camera, pose)
+    refuse(splat_map)
     pose = pose.to(splat_map.means)
     index = _front_to_back(splat_map, camera, pose)
     seen = splat_map.select(index)

@@ -4,7 +4,7 @@ The dense reference is its twin; blends under 1/255 are dropped and a pixel ends
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -17,28 +17,8 @@ from mannbv.camera import EDGE, LOW_PASS, NEAR, Camera
 from mannbv.geometry import Pose
 from mannbv.kernels.flat import gram as grams
 from mannbv.kernels.flat import row
+from mannbv.render.limits import CUTOFF, FLOOR, refuse
 from mannbv.splats import SplatMap
-
-CUTOFF, FLOOR = 1 / 255, 1e-4
-_FIELDS = [field.name for field in fields(SplatMap)]
-MAX_MEAN, MAX_LOG_SCALE = 1e12, 14.0  # [m], and e¹⁴ m are a thousand kilometres
-
-
-def refuse(splat_map: SplatMap) -> None:
-    """Raises ValueError for what the kernel, compiled for numbers of reasonable size, must not see."""
-    for name, part in zip(_FIELDS, splat_map.tensors(), strict=True):
-        part = part.detach()
-        if not (math.isfinite(part.sum()) or bool(torch.isfinite(part).all())):  # the sum is the quicker look
-            raise ValueError(f"render: {name} hold nan or infinity; drop those splats with select(torch.isfinite(…))")
-    turns = splat_map.rotations.detach().to(torch.float32).square().sum(1)
-    if not bool(((turns > 1e-30) & (turns < 1e30)).all()):
-        raise ValueError("render: rotations hold one of no length, or of none that fits a float; normalise them")
-    farthest = float(splat_map.means.detach().abs().max()) if splat_map.n_splats else 0.0
-    if farthest > MAX_MEAN:
-        raise ValueError(f"render: a splat at {farthest:.0e} m; means are metres")
-    widest = float(splat_map.log_scales.detach().max()) if splat_map.n_splats else 0.0
-    if widest > MAX_LOG_SCALE:
-        raise ValueError(f"render: a splat of e^{widest:.0f} m; log_scales are logarithms of metres")
 
 
 @dataclass(frozen=True)

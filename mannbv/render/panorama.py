@@ -18,8 +18,8 @@ from mannbv.camera import EDGE, LOW_PASS, NEAR, Camera
 from mannbv.kernels.space import panorama, projection
 from mannbv.kernels.space import tiles as pairs_of
 from mannbv.render import flat as rows
-from mannbv.render.flat import CUTOFF, FLOOR
-from mannbv.render.space import array, by_range, refuse
+from mannbv.render.limits import CUTOFF, FLOOR, refuse
+from mannbv.render.space import array, by_range
 from mannbv.splats import SplatMap
 
 STEEPEST = math.radians(65)  # nearer to the poles a cylinder stretches splats too much

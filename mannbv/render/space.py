@@ -14,7 +14,7 @@ from mannbv.camera import EDGE, LOW_PASS, NEAR, Camera
 from mannbv.geometry import Pose
 from mannbv.kernels.space import blend, gather, projection, tiles
 from mannbv.kernels.space import gram as grams
-from mannbv.render.flat import CUTOFF, FLOOR, refuse
+from mannbv.render.limits import CUTOFF, FLOOR, refuse
 from mannbv.splats import SplatMap
 
 

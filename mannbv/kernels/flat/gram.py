@@ -4,7 +4,8 @@ import numpy as np
 from numba import njit
 
 from mannbv.kernels.arithmetic import KERNEL
-from mannbv.kernels.flat.row import MAX_BLEND, _span, composite
+from mannbv.kernels.flat.row import _span, composite
+from mannbv.kernels.limits import MAX_BLEND
 
 CHANNELS = 4  # three colours and depth
 ROW_MOMENTS = 5 + 3 * CHANNELS + 1  # energy by δ to the fourth order, per channel cross to the second, Σ weight²

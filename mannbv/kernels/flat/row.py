@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-MAX_BLEND = 0.99  # a splat lets at least one percent through, so that what lies behind keeps a slope
+from mannbv.kernels.limits import MAX_BLEND
 
 
 @njit(cache=True, nogil=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit, prange
 
 from mannbv.kernels.arithmetic import KERNEL, PARALLEL, exp2
-from mannbv.kernels.flat.row import MAX_BLEND
+from mannbv.kernels.limits import MAX_BLEND
 from mannbv.kernels.space.projection import LOG_OPACITY, LXX, LXY, LYY, REACH, TERMS, U, V
 from mannbv.kernels.space.tiles import TILE, rows
 

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit, prange
 
 from mannbv.kernels.arithmetic import PARALLEL, exp2
-from mannbv.kernels.flat.row import MAX_BLEND
+from mannbv.kernels.limits import MAX_BLEND
 from mannbv.kernels.space.blend import CHANNELS, MOMENTS, PIXELS, light_tile, load_tile, tile_centers
 from mannbv.kernels.space.gather import SHAPE
 from mannbv.kernels.space.projection import (

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit, prange
 
 from mannbv.kernels.arithmetic import KERNEL, PARALLEL, exp2
-from mannbv.kernels.flat.row import MAX_BLEND
+from mannbv.kernels.limits import MAX_BLEND
 from mannbv.kernels.space.blend import GROUP, PIXELS, tile_centers
 from mannbv.kernels.space.gather import GRAM, SHAPE
 from mannbv.kernels.space.projection import (

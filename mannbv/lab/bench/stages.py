@@ -21,7 +21,7 @@ from mannbv.lab.bench.calls import whole_calls
 from mannbv.lab.bench.sides import Scale, Side, agree, compare
 from mannbv.lab.bench.timing import Result, most_threads, threads
 from mannbv.render import space
-from mannbv.render.flat import CUTOFF, FLOOR
+from mannbv.render.limits import CUTOFF, FLOOR
 from mannbv.splats import SplatMap
 
 STEPS = 30 * 5  # gradient steps that a yaw profile replaces: rounds of agreement times steps of a primal update
