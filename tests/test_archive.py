@@ -26,6 +26,7 @@ from mannbv.course import grade
 from mannbv.course.widgets.recording import Recording
 from mannbv.lab import draw, report, study
 from mannbv.messages import Ledger
+from mannbv.metrics import Row
 from mannbv.splats import SplatMap
 
 HERE = Path(__file__).parent
@@ -58,6 +59,11 @@ def small_recording() -> Recording:
     return Recording(ground, views, np.zeros((1, 1, 2), np.float32))
 
 
+def some_results() -> study.Results:
+    rows = tuple(Row("single", seed, 0) for seed in range(100))
+    return study.Results("0", "flat", 2, 1, tuple(range(100)), {}, rows, {})
+
+
 # ---- writing --------------------------------------------------------------------------------------------------------
 
 TABLE = report.Table("A table", (("", "strategy"), ("gain", "[m]")), (("single", "1.0"),), name="table")
@@ -67,7 +73,7 @@ WRITERS = {
     "map.npz": lambda path: splats.save(old_map(), path),
     "map.ply": lambda path: splats.save(splats.lifted(old_map(), [0.0, 1.0], 0.1), path),
     "recording.npz": lambda path: small_recording().save(path),
-    "results.json": lambda path: study.save({"rows": list(range(100))}, path),
+    "results.json": lambda path: study.save(some_results(), path),
     "table.txt": lambda path: report.write([TABLE], path.parent),
     "grades.csv": lambda path: grade.write_table(path, {"a": [dict.fromkeys(grade.COLUMNS, "x")]}),
     "figure.png": lambda path: draw.save(Figure((1, 1)), path),
@@ -326,7 +332,9 @@ def test_a_record_of_an_earlier_version_is_read_bit_for_bit():
     with np.load(OLD) as file:
         about, arrays = json.loads(bytes(file["about"])), {name: file[name] for name in file.files}
     assert (record.scene, record.strategy, record.seed, record.n_robots) == ("flat", "centralized", 0, 2)
-    assert list(record.rows) == about["rows"] and record.ledger.to_json() == about["ledger"]
+    ours = [row.to_json() for row in record.rows]
+    assert [{name: row[name] for name in old} for row, old in zip(ours, about["rows"], strict=True)] == about["rows"]
+    assert record.ledger.to_json() == about["ledger"]
     assert {k: getattr(record.config, k) for k in about["config"]} == about["config"]
     for k, robot in enumerate(record.robots):
         keyframes, frames, moments = robot.local.keyframes, robot.frames, robot.local.moments
@@ -360,21 +368,23 @@ def test_an_earlier_record_saved_again_holds_the_same_arrays(tmp_path):
 
 def test_a_record_is_json_that_others_can_read(tmp_path):
     record = episode.load(OLD)
-    strange = dataclasses.replace(record, rows=({"gain": math.inf, "risks": [math.nan, 1.0]},))
+    strange = dataclasses.replace(record, rows=(dataclasses.replace(record.rows[0], psnr_db=math.inf, spl=math.nan),))
     strange.save(tmp_path / "run.npz")
     with np.load(tmp_path / "run.npz") as file:
         text = bytes(file["about"]).decode()
     json.loads(text, parse_constant=pytest.fail)
-    assert episode.load(tmp_path / "run.npz").rows == ({"gain": None, "risks": [None, 1.0]},)
+    (row,) = episode.load(tmp_path / "run.npz").rows
+    assert row == dataclasses.replace(record.rows[0], psnr_db=None, spl=None)
 
 
 def test_a_record_in_which_an_earlier_version_wrote_nan_is_read(tmp_path):
     with np.load(OLD) as file:
         arrays = {name: file[name] for name in file.files}
-    about = json.loads(bytes(arrays["about"])) | {"rows": [{"gain": math.inf}]}
+    about = json.loads(bytes(arrays["about"]))
+    about["rows"][0]["psnr_db"] = math.inf
     arrays["about"] = np.frombuffer(json.dumps(about).encode(), np.uint8)
     np.savez_compressed(tmp_path / "run.npz", **arrays)
-    assert episode.load(tmp_path / "run.npz").rows == ({"gain": math.inf},)
+    assert episode.load(tmp_path / "run.npz").rows[0].psnr_db is None
 
 
 # ---- records as arrays ----------------------------------------------------------------------------------------------
